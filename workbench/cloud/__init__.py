@@ -1,0 +1,1 @@
+"""The consolidated samples of all scans."""

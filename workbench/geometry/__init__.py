@@ -1,0 +1,1 @@
+"""Transforms, range maps, meshes and spatial search: the vocabulary of every domain."""

@@ -1,0 +1,104 @@
+"""Triangle meshes and what can be proven about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class TriangleMesh:
+    """An indexed triangle mesh, counter-clockwise seen from outside.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64.
+    triangles : (m, 3) int32.
+    vertex_attributes : name → (n,) or (n, k) array, e.g. ``normal`` (n, 3) float64,
+        ``color`` (n, 3) uint8 sRGB, ``provenance`` (n,) uint8.
+    """
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    vertex_attributes: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
+
+    def with_attributes(self, **attributes: NDArray[np.generic]) -> TriangleMesh:
+        """The same mesh with further (or replaced) vertex attributes."""
+        return TriangleMesh(self.vertices, self.triangles, {**self.vertex_attributes, **attributes})
+
+    def keep_triangles(self, keep: NDArray[np.bool_]) -> TriangleMesh:
+        """The triangles where ``keep`` (m,) is true and the vertices they use, in order."""
+        triangles = self.triangles[keep]
+        used = np.zeros(len(self.vertices), bool)
+        used[triangles] = True
+        new_index = np.cumsum(used, dtype=np.int64) - 1
+        return TriangleMesh(
+            self.vertices[used],
+            new_index[triangles].astype(np.int32),
+            {name: values[used] for name, values in self.vertex_attributes.items()},
+        )
+
+
+@dataclass(frozen=True)
+class EdgeCensus:
+    """How many faces meet at the edges of a mesh.
+
+    ``watertight`` asks that every edge has exactly two faces which run through it in
+    opposite directions: closed, edge-manifold and consistently oriented. It says nothing
+    of self-intersection.
+    """
+
+    edges: int
+    boundary_edges: int
+    nonmanifold_edges: int
+    misoriented_edges: int
+
+    @property
+    def watertight(self) -> bool:
+        return (
+            self.edges > 0
+            and not self.boundary_edges
+            and not self.nonmanifold_edges
+            and not self.misoriented_edges
+        )
+
+
+def edge_census(triangles: NDArray[np.int32]) -> EdgeCensus:
+    """Count the faces at every undirected edge of (m, 3) triangles."""
+    directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    forward = directed[:, 0] < directed[:, 1]
+    low, high = directed.min(axis=1), directed.max(axis=1)
+    _, edge, faces = np.unique(
+        low * (int(triangles.max(initial=0)) + 1) + high, return_inverse=True, return_counts=True
+    )
+    forward_faces = np.bincount(edge, weights=forward, minlength=len(faces))
+    return EdgeCensus(
+        edges=len(faces),
+        boundary_edges=int((faces == 1).sum()),
+        nonmanifold_edges=int((faces > 2).sum()),
+        misoriented_edges=int(((faces == 2) & (forward_faces != 1)).sum()),
+    )
+
+
+def face_normals_and_areas(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit normals (m, 3) — zero for degenerate faces — and areas (m,)."""
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    length = np.linalg.norm(cross, axis=1)
+    return cross / np.where(length > 0, length, 1.0)[:, None], 0.5 * length
+
+
+def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Area-weighted unit vertex normals (n, 3); zero where no face with area touches."""
+    unit, area = face_normals_and_areas(mesh)
+    weighted = unit * area[:, None]
+    corners = mesh.triangles.ravel()
+    repeated = np.repeat(weighted, 3, axis=0)
+    total = np.stack(
+        [np.bincount(corners, repeated[:, k], len(mesh.vertices)) for k in range(3)], axis=1
+    )
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0, length, 1.0)

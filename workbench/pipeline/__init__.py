@@ -1,0 +1,1 @@
+"""Stages, planning, freshness, running and records."""

@@ -1,0 +1,1 @@
+"""The project folder: its table of artefacts, settings and lock."""

@@ -1,0 +1,1 @@
+"""Placing range scans in one frame."""

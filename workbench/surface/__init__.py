@@ -1,0 +1,1 @@
+"""From samples to a closed surface that knows what was measured."""

@@ -1,0 +1,1 @@
+"""Scenes and scanners with known truth."""
