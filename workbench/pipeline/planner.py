@@ -1,0 +1,122 @@
+"""What this scene needs, stage by stage, with the reason in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from workbench.errors import InputError
+from workbench.pipeline.freshness import State, state_of
+from workbench.pipeline.stage import Stage
+from workbench.project.project import Project
+from workbench.project.settings import (
+    StageOptions,
+    StageSettings,
+    check_stage_names,
+    options_for,
+)
+
+Pipeline = Sequence[Stage[Any]]
+
+
+@dataclass(frozen=True)
+class PlannedStage:
+    """One line of the plan.
+
+    Attributes
+    ----------
+    stage, options : what would run, and how.
+    action : ``run``, ``fresh``, ``stale`` or ``left out``.
+    reason : why, in plain words.
+    absent : artefacts of the stages this scene leaves out.
+    """
+
+    stage: Stage[Any]
+    options: StageOptions
+    action: str
+    reason: str
+    absent: frozenset[str] = frozenset()
+
+    @property
+    def runs(self) -> bool:
+        return self.action in ("run", "stale")
+
+    def as_dict(self) -> dict[str, str]:
+        return {"name": self.stage.name, "action": self.action, "reason": self.reason}
+
+
+def checked_options(pipeline: Pipeline, settings: StageSettings) -> dict[str, StageOptions]:
+    """Stage name → checked options; any mistake in any stage raises before anything runs."""
+    check_stage_names(settings, [stage.name for stage in pipeline])
+    return {stage.name: options_for(stage.name, stage.options, settings) for stage in pipeline}
+
+
+def make_plan(
+    pipeline: Pipeline, project: Project, overrides: StageSettings | None = None
+) -> list[PlannedStage]:
+    """The plan of all stages as things lie now.
+
+    A stage behind one that will run is planned as stale; should the stage before it give
+    the same bytes again, the run itself will find it fresh.
+    """
+    options = checked_options(pipeline, project.settings(overrides))
+    scene = project.scene()
+    needs = {stage.name: stage.needed(scene, options[stage.name]) for stage in pipeline}
+    absent = frozenset(
+        name for stage in pipeline if not needs[stage.name].needed for name in stage.writes
+    )
+    plan: list[PlannedStage] = []
+    rebuilt: dict[str, str] = {}
+    for stage in pipeline:
+        own, need = options[stage.name], needs[stage.name]
+        if not need.needed:
+            plan.append(PlannedStage(stage, own, "left out", need.reason))
+            continue
+        state = state_of(project, stage, own, absent)
+        action, reason = _action(state, need.reason)
+        behind = next((rebuilt[name] for name in stage.reads if name in rebuilt), None)
+        if action == "fresh" and behind:
+            action, reason = "stale", f"waits for {behind}, which will run first"
+        plan.append(PlannedStage(stage, own, action, reason, absent))
+        if action != "fresh":
+            rebuilt |= dict.fromkeys(stage.writes, stage.name) | {"records": stage.name}
+    return plan
+
+
+def selected(
+    plan: list[PlannedStage],
+    *,
+    first: str | None = None,
+    last: str | None = None,
+    only: str | None = None,
+) -> list[PlannedStage]:
+    """The stages between ``first`` and ``last`` inclusive, or ``only`` one."""
+    names = [planned.stage.name for planned in plan]
+    for name in (first, last, only):
+        if name is not None and name not in names:
+            raise InputError(f"There is no stage {name!r}", expected=", ".join(names))
+    begin = names.index(only or first or names[0])
+    end = names.index(only or last or names[-1])
+    if begin > end:
+        raise InputError(f"--from {first} comes after --to {last}", expected=" → ".join(names))
+    return plan[begin : end + 1]
+
+
+def needed_for(plan: list[PlannedStage], target: str) -> list[PlannedStage]:
+    """The stage ``target`` and all whose products it needs, in the plan's order."""
+    chosen = selected(plan, only=target)
+    wanted = set(chosen[0].stage.reads)
+    for planned in reversed(plan[: plan.index(chosen[0])]):
+        if wanted & set(planned.stage.writes):
+            chosen.insert(0, planned)
+            wanted |= set(planned.stage.reads)
+    return chosen
+
+
+def _action(state: State, need: str) -> tuple[str, str]:
+    if state.state == "fresh":
+        return "fresh", state.reason
+    if state.state == "stale":
+        return "stale", state.reason
+    return "run", need if state.state == "missing" else f"{state.state}: {state.reason}"

@@ -1,0 +1,167 @@
+"""What a stage is: a declaration the planner can read and one function that does the work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from workbench.metrics import Metric
+from workbench.pipeline.progress import Progress
+from workbench.pipeline.tasks import Tasks
+from workbench.project.artefacts import ARTEFACTS
+from workbench.project.project import Project, Scene
+from workbench.project.settings import StageOptions
+
+OptionsT = TypeVar("OptionsT", bound=StageOptions)
+
+
+@dataclass(frozen=True)
+class Need:
+    """Whether a scene needs a stage, and why, in words for people."""
+
+    needed: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a stage will take at most, foretold from the scene."""
+
+    memory_bytes: int
+    disk_bytes: int
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """What a stage has to say beside its products."""
+
+    metrics: tuple[Metric, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class Products:
+    """The artefacts a stage declared, and no others.
+
+    Parameters
+    ----------
+    project : the project at work.
+    reads, writes : artefact names the stage declared.
+    absent : artefacts of stages this scene leaves out; what an earlier scene left there of
+        them does not count.
+    """
+
+    def __init__(
+        self,
+        project: Project,
+        reads: tuple[str, ...],
+        writes: tuple[str, ...],
+        absent: frozenset[str] = frozenset(),
+    ) -> None:
+        self._project = project
+        self._absent = absent
+        self._reads = frozenset(reads) | frozenset(writes)
+        self._writes = frozenset(writes)
+
+    def load(self, name: str, item: str | None = None) -> Any:
+        """The value of a declared artefact."""
+        return self._project.store.load(self._readable(name), item)
+
+    def load_if_there(self, name: str, item: str | None = None) -> Any | None:
+        """The value of a declared artefact, None where it was left out."""
+        store = self._project.store
+        if self._readable(name) in self._absent or not store.exists(name, item):
+            return None
+        return store.load(name, item)
+
+    def items(self, name: str) -> tuple[str, ...]:
+        """The items that exist of a declared artefact."""
+        there = self._readable(name) not in self._absent
+        return self._project.store.items(name) if there else ()
+
+    def input_paths(self, name: str) -> tuple[Path, ...]:
+        """The user's files behind a declared input."""
+        return self._project.input_paths(self._readable(name))
+
+    def input_hash(self, path: Path) -> str:
+        """Content hash of one of the user's files."""
+        return self._project.hashes.of_file(path)
+
+    def save(self, name: str, value: Any, item: str | None = None) -> Path:
+        """Store a declared product whole."""
+        return self._project.store.save(self._writable(name), value, item)
+
+    def writing(self, name: str, item: str | None = None) -> AbstractContextManager[Path]:
+        """A temporary path that becomes the declared product when the block ends well."""
+        return self._project.store.writing(self._writable(name), item)
+
+    def remove_items_except(self, name: str, keep: set[str]) -> None:
+        """Delete items of a product that belong to inputs no longer there."""
+        for item in self._project.store.items(self._writable(name)):
+            if item not in keep:
+                self._project.store.path(name, item).unlink()
+
+    @property
+    def project_name(self) -> str:
+        return self._project.name
+
+    def _readable(self, name: str) -> str:
+        if name not in self._reads:
+            raise PermissionError(f"the stage does not declare that it reads {name!r}")
+        return name
+
+    def _writable(self, name: str) -> str:
+        if name not in self._writes:
+            raise PermissionError(f"the stage does not declare that it writes {name!r}")
+        return name
+
+
+@dataclass(frozen=True)
+class Job(Generic[OptionsT]):
+    """All a stage's function is given; ``left_out`` is stage → reason for this scene."""
+
+    products: Products
+    options: OptionsT
+    scene: Scene
+    progress: Progress
+    tasks: Tasks
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Stage(Generic[OptionsT]):
+    """One step of the pipeline.
+
+    Attributes
+    ----------
+    name : the command that runs it.
+    version : raised when the same inputs and options give another result.
+    summary : one line for the table of stages.
+    options : the model of its options.
+    reads, writes : artefact names; an artefact read that was left out is simply absent.
+    libraries : distributions whose version can change the result.
+    needed : decides from the scene and the options, and says why.
+    run : does the work.
+    estimate : foretells memory and disk; None where both are small.
+    reads_truth : set for verification alone; any other stage that names a ``truth`` artefact
+        cannot be built.
+    """
+
+    name: str
+    version: int
+    summary: str
+    options: type[OptionsT]
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+    needed: Callable[[Scene, OptionsT], Need]
+    run: Callable[[Job[OptionsT]], StageResult]
+    libraries: tuple[str, ...] = ()
+    estimate: Callable[[Scene, OptionsT], Estimate] | None = None
+    reads_truth: bool = field(default=False)
+
+    def __post_init__(self) -> None:
+        for name in self.reads + self.writes:
+            if ARTEFACTS[name].truth and not self.reads_truth:
+                raise ValueError(f"stage {self.name} may not read the simulated truth ({name})")

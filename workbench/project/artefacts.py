@@ -1,0 +1,71 @@
+"""The one table from artefact name to place, format and schema version.
+
+Stages name what they read and write; nothing but this table spells a path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Format = Literal["json", "arrays", "range-map", "mesh", "file", "input"]
+
+
+@dataclass(frozen=True)
+class Artefact:
+    """One kind of file in the project folder.
+
+    Attributes
+    ----------
+    name : what stages call it.
+    path : relative to the project; ``{item}`` stands for the item's name where there is
+        one file per scan, photograph or chunk. Empty for what the user brings (``input``).
+    format : how it is stored, see ``workbench.project.store``.
+    schema : version of the content; raised when its meaning changes.
+    description : one line for people.
+    truth : known only of simulated scenes; open to verification alone.
+    """
+
+    name: str
+    path: str
+    format: Format
+    description: str
+    schema: int = 1
+    truth: bool = False
+
+    @property
+    def per_item(self) -> bool:
+        return "{item}" in self.path
+
+
+_TABLE = (
+    Artefact("scan_files", "", "input", "the range scans the user brought"),
+    Artefact("pose_files", "", "input", "coarse scan poses beside the scans"),
+    Artefact("photo_files", "", "input", "the photographs the user brought"),
+    Artefact("camera_files", "", "input", "ready-made photograph orientations"),
+    Artefact("geometry_file", "", "input", "a surface made elsewhere"),
+    Artefact("scan_inventory", "work/ingest/scans.json", "json", "every scan and what it holds"),
+    Artefact(
+        "range_maps", "work/ingest/range_maps/{item}.npz", "range-map", "scans in metres, checked"
+    ),
+    Artefact("scan_poses", "work/register/scan_poses.json", "json", "world_from_scan of every scan"),
+    Artefact(
+        "registration", "work/register/registration.npz", "arrays", "residuals, overlap, covariance"
+    ),
+    Artefact(
+        "oriented_scans", "work/fuse/scans/{item}.npz", "arrays", "samples with normals per scan"
+    ),
+    Artefact("samples", "work/fuse/samples.npz", "arrays", "the consolidated samples in the world"),
+    Artefact("surface", "work/infill/surface.npz", "mesh", "closed surface with provenance"),
+    Artefact("surface_ply", "exports/surface.ply", "file", "the surface with all attributes"),
+    Artefact("surface_obj", "exports/surface.obj", "file", "the surface for general tools"),
+    Artefact("surface_glb", "exports/surface.glb", "file", "the surface for the web"),
+    Artefact("records", "work/{item}/record.json", "json", "what each stage did"),
+    Artefact("report_html", "report/report.html", "file", "the report for people"),
+    Artefact("report_json", "report/report.json", "json", "the report's numbers"),
+    Artefact("provenance", "provenance.json", "json", "W3C PROV-JSON of the whole project"),
+    Artefact("truth_surface", "truth/surface.ply", "file", "the simulated scene", truth=True),
+    Artefact("truth_poses", "truth/scan_poses.json", "json", "the simulated poses", truth=True),
+)
+
+ARTEFACTS: dict[str, Artefact] = {artefact.name: artefact for artefact in _TABLE}

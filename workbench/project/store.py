@@ -1,0 +1,140 @@
+"""Loading and saving the artefacts of a project folder.
+
+Every save writes beside, syncs and renames, so a reader never meets half a file.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workbench.errors import InputError
+from workbench.formats.atomic import replacing
+from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.rangemap import RangeMap
+from workbench.project.artefacts import ARTEFACTS, Artefact
+
+_RANGE_MAP_FIELDS = (
+    "points_in_scan",
+    "grid",
+    "viewpoint_in_scan",
+    "reflectance",
+    "color",
+    "world_from_scan",
+)
+
+
+@dataclass(frozen=True)
+class ProductStore:
+    """The artefacts below one project root."""
+
+    root: Path
+
+    def path(self, name: str, item: str | None = None) -> Path:
+        """Where an artefact (or one item of it) lies, whether or not it exists."""
+        artefact = _artefact(name)
+        if artefact.format == "input":
+            raise ValueError(f"{name} is brought by the user and has no fixed place")
+        if artefact.per_item != (item is not None):
+            raise ValueError(f"{name}: item {'missing' if item is None else 'not expected'}")
+        return self.root / artefact.path.format(item=item)
+
+    def items(self, name: str) -> tuple[str, ...]:
+        """The items of a per-item artefact that exist, sorted."""
+        pattern = _artefact(name).path
+        position = Path(pattern).parts.index(next(p for p in Path(pattern).parts if "{item}" in p))
+        before, after = pattern.split("{item}")
+        suffix = after.split("/")[0]
+        found = self.root.glob(f"{before}*{after}")
+        names = (path.relative_to(self.root).parts[position] for path in found)
+        return tuple(sorted(name.removesuffix(suffix) for name in names))
+
+    def paths(self, name: str) -> tuple[Path, ...]:
+        """Every existing file of an artefact, sorted."""
+        if _artefact(name).per_item:
+            return tuple(self.path(name, item) for item in self.items(name))
+        path = self.path(name)
+        return (path,) if path.exists() else ()
+
+    def exists(self, name: str, item: str | None = None) -> bool:
+        return self.path(name, item).exists()
+
+    def load(self, name: str, item: str | None = None) -> Any:
+        """The value of an artefact: dict, arrays, ``RangeMap``, ``TriangleMesh`` or a path."""
+        artefact, path = _artefact(name), self.path(name, item)
+        if not path.exists():
+            raise InputError(f"{artefact.description}: not there", file=path, fix="run the stages")
+        try:
+            if artefact.format == "json":
+                return json.loads(path.read_text(encoding="utf-8"))
+            if artefact.format == "file":
+                return path
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = {key: archive[key] for key in archive.files}
+            if artefact.format == "range-map":
+                return RangeMap(name=item or "", **{k: arrays.get(k) for k in _RANGE_MAP_FIELDS})
+            return _mesh(arrays) if artefact.format == "mesh" else arrays
+        except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(
+                f"{artefact.description}: damaged",
+                file=path,
+                found=str(error) or type(error).__name__,
+                fix="run the stage that writes it again with --force",
+            ) from error
+
+    def save(self, name: str, value: Any, item: str | None = None) -> Path:
+        """Store a value as the artefact; the same value gives the same bytes."""
+        artefact = _artefact(name)
+        with self.writing(name, item) as path:
+            if artefact.format == "json":
+                path.write_text(
+                    json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+                )
+            elif artefact.format == "range-map":
+                fields = {k: getattr(value, k) for k in _RANGE_MAP_FIELDS}
+                _write_arrays(path, {k: v for k, v in fields.items() if v is not None})
+            elif artefact.format == "mesh":
+                attributes = {f"vertex_{k}": v for k, v in value.vertex_attributes.items()}
+                _write_arrays(
+                    path,
+                    {"vertices": value.vertices, "triangles": value.triangles, **attributes},
+                )
+            elif artefact.format == "arrays":
+                _write_arrays(path, value)
+            else:
+                raise ValueError(f"{name} is written through writing()")
+        return self.path(name, item)
+
+    @contextmanager
+    def writing(self, name: str, item: str | None = None) -> Iterator[Path]:
+        """A temporary path that takes the artefact's place when the block ends well."""
+        path = self.path(name, item)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            yield temporary
+
+
+def _artefact(name: str) -> Artefact:
+    try:
+        return ARTEFACTS[name]
+    except KeyError:
+        raise ValueError(f"{name!r} is not in the artefact table") from None
+
+
+def _mesh(arrays: Mapping[str, Any]) -> TriangleMesh:
+    attributes = {k.removeprefix("vertex_"): v for k, v in arrays.items() if k[:7] == "vertex_"}
+    return TriangleMesh(arrays["vertices"], arrays["triangles"], attributes)
+
+
+def _write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    # Through an open file, for numpy would append ".npz" to the temporary name.
+    with io.FileIO(path, "w") as raw, io.BufferedWriter(raw) as file:
+        np.savez(file, **{key: np.asarray(value) for key, value in arrays.items()})

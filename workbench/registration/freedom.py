@@ -1,0 +1,84 @@
+"""Directions in which the scans do not hold each other, found and put into words.
+
+The normal matrix of the joint adjustment hardly changes along a motion that changes no
+residual: a plane slides along itself, a sphere turns about its centre. How much a motion
+is felt is measured against what it would be if every match held its points in all three
+directions: the share of the squared motion that the normals see, in [0, 1]. Noise in the
+normals lifts that share off zero, so a fixed threshold would take noise for constraint;
+the floor used here is what the observed disagreement of matched normals alone would give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+# A share this many times the noise floor is taken for a real constraint.
+_FLOOR_FACTOR = 4.0
+# A smaller share is not told from zero in float64.
+_LEAST_SHARE = 1e-9
+# For two normals with Gaussian error, the square of the median angle between them times
+# this is the mean squared error of their bisector along one direction: 2 / (8 · 2 ln 2).
+_BISECTOR_ERROR = 0.18
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """One unconstrained motion.
+
+    Attributes
+    ----------
+    motion : (6 · scans,) float64 unit vector; per scan rotation (times radius) then
+        translation, world axes.
+    scans : names of those it moves, strongest first.
+    sentence : for people: "scan_02 can slide along x".
+    """
+
+    motion: NDArray[np.float64]
+    scans: tuple[str, ...]
+    sentence: str
+
+
+def unconstrained(
+    shares: NDArray[np.float64], normal_angle_rad: float
+) -> NDArray[np.bool_]:
+    """Which motions are felt no more than noise in the normals would make them.
+
+    Parameters
+    ----------
+    shares : (k,) seen share of each motion, in [0, 1].
+    normal_angle_rad : median angle between matched normals.
+    """
+    floor = _FLOOR_FACTOR * _BISECTOR_ERROR * normal_angle_rad**2
+    return shares <= max(floor, _LEAST_SHARE)
+
+
+def freedom_in_words(motion: NDArray[np.float64], names: Sequence[str]) -> Freedom:
+    """Name the scans a motion moves and how."""
+    parts = motion.reshape(-1, 6)
+    strength = np.linalg.norm(parts, axis=1)
+    order = np.argsort(-strength, kind="stable")
+    moved = [int(k) for k in order if strength[k] > 0.3 * strength.max()]
+    leading = parts[moved[0]]
+    turn, slide = leading[:3], leading[3:]
+    if np.linalg.norm(slide) >= np.linalg.norm(turn):
+        how = f"slide along {_axis(slide)}"
+    else:
+        how = f"turn about {_axis(turn)}"
+    who = names[moved[0]]
+    if len(moved) > 1:
+        who += " (with " + ", ".join(names[k] for k in moved[1:]) + ")"
+    return Freedom(motion, tuple(names[k] for k in moved), f"{who} can {how}")
+
+
+def _axis(vector: NDArray[np.float64]) -> str:
+    unit = vector / np.linalg.norm(vector)
+    strongest = int(np.argmax(np.abs(unit)))
+    if abs(unit[strongest]) > 0.95:
+        return "xyz"[strongest]
+    # One sign for a line: its first clear component is positive.
+    unit = unit * np.sign(unit[strongest])
+    return "({:.2f}, {:.2f}, {:.2f})".format(*unit)

@@ -1,0 +1,91 @@
+"""Which parts of a surface were measured and which were filled in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from workbench.cloud.fusion import Samples
+from workbench.geometry.mesh import TriangleMesh
+
+MEASURED, INFILLED = 0, 1
+PHOTOGRAPHED, INPAINTED, UNCOLORED = 0, 1, 2
+_NEIGHBOURS = 6
+
+
+@dataclass(frozen=True)
+class Support:
+    """What the samples say about the vertices of a surface.
+
+    Attributes
+    ----------
+    provenance : (n,) uint8, 0 measured, 1 infilled.
+    distance_m : (n,) float64, to the closest sample.
+    nearest : (n,) int64, that sample.
+    """
+
+    provenance: NDArray[np.uint8]
+    distance_m: NDArray[np.float64]
+    nearest: NDArray[np.int64]
+
+
+def support_of(
+    vertices: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    samples: Samples,
+    reach_factor: float,
+) -> Support:
+    """Tell measured from infilled vertices.
+
+    A vertex is measured where one of its closest samples lies within that sample's own
+    reach (``radius_m`` times ``reach_factor``) and faces the same way: the back of a thin
+    wall is not measured by samples of its front.
+    """
+    tree = cKDTree(samples.points)
+    k = min(_NEIGHBOURS, len(samples))
+    distance, index = tree.query(vertices, k=[*range(1, k + 1)], workers=-1)
+    within = distance <= reach_factor * samples.radius_m[index]
+    facing = np.einsum("vi,vki->vk", normals, samples.normals[index]) > 0.0
+    measured = (within & facing).any(axis=1)
+    return Support(
+        np.where(measured, MEASURED, INFILLED).astype(np.uint8), distance[:, 0], index[:, 0]
+    )
+
+
+def without_unmeasured_pieces(
+    mesh: TriangleMesh, provenance: NDArray[np.uint8]
+) -> tuple[NDArray[np.bool_], int]:
+    """Triangles of pieces with a measured vertex, and how many pieces have none.
+
+    A closed piece taken away leaves a closed surface.
+    """
+    n = len(mesh.vertices)
+    a, b = mesh.triangles[:, [0, 1]].ravel(), mesh.triangles[:, [1, 2]].ravel()
+    links = coo_array((np.ones(len(a), bool), (a, b)), shape=(n, n))
+    count, piece = connected_components(links, directed=False)
+    has_measured = np.zeros(count, bool)
+    has_measured[piece[provenance == MEASURED]] = True
+    used = np.zeros(count, bool)
+    used[piece[mesh.triangles[:, 0]]] = True
+    return has_measured[piece[mesh.triangles[:, 0]]], int((used & ~has_measured).sum())
+
+
+def near_samples(
+    mesh: TriangleMesh, distance_m: NDArray[np.float64], limit_m: float
+) -> NDArray[np.bool_]:
+    """(m,) triangles with at least one vertex within ``limit_m`` of a sample."""
+    return np.asarray((distance_m[mesh.triangles] <= limit_m).any(axis=1))
+
+
+def area_by_provenance(
+    mesh: TriangleMesh, provenance: NDArray[np.uint8], areas: NDArray[np.float64]
+) -> float:
+    """Measured share of the area, in [0, 1]; a triangle counts by its measured corners."""
+    share = (provenance[mesh.triangles] == MEASURED).mean(axis=1)
+    total = float(areas.sum())
+    return float((areas * share).sum()) / total if total > 0 else 0.0

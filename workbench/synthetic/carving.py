@@ -1,0 +1,243 @@
+"""A closed mesh from a table of blended primitives, carved block by block along the surface."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from workbench.geometry.mesh import TriangleMesh
+from workbench.kernels.bcc_isosurface import block_triangles, edge_points
+from workbench.kernels.implicit_solids import WEATHERING_M, relevant_rows, solid_distance
+
+BLOCK_CELLS = 4
+_CELL_M = 0.02
+_WORKERS = 4
+_NEIGHBOURS = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A carved solid as the kernels of ``implicit_solids`` read it.
+
+    Attributes
+    ----------
+    table : (n, 23) float64 primitives.
+    group_blend : (7,) float64, metres.
+    detail : (7, 3) float64 weights of roughness, pitting and chiselling by group.
+    cracks : (c, 9) float64.
+    seed : which weathering.
+    low, high : (3,) float64 corners of a box that holds the whole solid, metres.
+    interior : (3,) float64 a point well inside.
+    """
+
+    table: NDArray[np.float64]
+    group_blend: NDArray[np.float64]
+    detail: NDArray[np.float64]
+    cracks: NDArray[np.float64]
+    seed: int
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    interior: NDArray[np.float64]
+
+    def smooth_distances(
+        self, points: NDArray[np.float64], spacing_m: float
+    ) -> NDArray[np.float64]:
+        """Signed distances (n,) to the form before weathering and cuts, negative inside, metres.
+
+        A point of the carved surface with distance −d lies in a groove of depth d.
+        """
+        cell = np.floor((points - self.low) / _CELL_M).astype(np.int64)
+        order = np.lexsort(cell.T)
+        changes = np.any(np.diff(cell[order], axis=0) != 0, axis=1)
+        starts = np.concatenate([[0], np.flatnonzero(changes) + 1])
+        values = np.empty(len(points))
+
+        def measure(cells: NDArray[np.int64]) -> NDArray[np.float64]:
+            first = starts[cells[0]]
+            last = starts[cells[-1] + 1] if cells[-1] + 1 < len(starts) else len(points)
+            part: NDArray[np.float64] = _distances_by_cell(
+                points[order[first:last]],
+                np.append(starts[cells], last) - first,
+                self.low + (cell[order[starts[cells]]] + 0.5) * _CELL_M,
+                self.table,
+                self.group_blend,
+                self.detail,
+                self.cracks,
+                spacing_m,
+                self.seed,
+            )
+            return part
+
+        batches = np.array_split(np.arange(len(starts)), min(len(starts), _WORKERS))
+        with ThreadPoolExecutor(_WORKERS) as pool:
+            values[order] = np.concatenate(list(pool.map(measure, batches)))
+        return values
+
+
+@njit(cache=True, nogil=True)
+def _distances_by_cell(
+    points: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    centers: NDArray[np.float64],
+    table: NDArray[np.float64],
+    group_blend: NDArray[np.float64],
+    detail: NDArray[np.float64],
+    cracks: NDArray[np.float64],
+    spacing: float,
+    seed: int,
+) -> NDArray[np.float64]:
+    """Unweathered distances of points that are sorted by cell, cell n from ``starts[n]`` on."""
+    out = np.empty(len(points))
+    for cell in range(len(centers)):
+        rows = relevant_rows(table, centers[cell], 0.87 * _CELL_M)
+        for n in range(starts[cell], starts[cell + 1]):
+            out[n] = solid_distance(
+                table, rows, group_blend, detail, cracks,
+                points[n, 0], points[n, 1], points[n, 2], spacing, -1.0, seed,
+            )  # fmt: skip
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _mixed_signs(even: NDArray[np.float64], odd: NDArray[np.float64]) -> bool:
+    """Whether the values of one face of a block lie on both sides of the surface."""
+    inside = even[0, 0] < 0.0
+    for i in range(even.shape[0]):
+        for j in range(even.shape[1]):
+            if (even[i, j] < 0.0) != inside or (odd[i, j] < 0.0) != inside:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _carve_blocks(
+    blocks: NDArray[np.int64],
+    low: NDArray[np.float64],
+    half_spacing: float,
+    stride: int,
+    table: NDArray[np.float64],
+    group_blend: NDArray[np.float64],
+    detail: NDArray[np.float64],
+    cracks: NDArray[np.float64],
+    seed: int,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Edge names and fractions (m, 3) of the triangles, and which faces (b, 6) they cross."""
+    n = BLOCK_CELLS
+    spacing = 2.0 * half_spacing
+    keys = np.empty((24 * n**3 * len(blocks), 3), np.int64)
+    fractions = np.empty((24 * n**3 * len(blocks), 3))
+    crossed = np.zeros((len(blocks), 6), np.bool_)
+    count = 0
+    even = np.empty((n + 1, n + 1, n + 1))
+    odd = np.empty((n + 1, n + 1, n + 1))
+    radius = 0.5 * np.sqrt(3.0) * (n + 0.5) * spacing
+    for number in range(len(blocks)):
+        first = blocks[number] * (2 * n)
+        center = low + (first + (n + 0.5)) * half_spacing
+        rows = relevant_rows(table, center, radius)
+        for parity in range(2):
+            values = odd if parity else even
+            for i in range(n + 1):
+                x = low[0] + (first[0] + 2 * i + parity) * half_spacing
+                for j in range(n + 1):
+                    y = low[1] + (first[1] + 2 * j + parity) * half_spacing
+                    for k in range(n + 1):
+                        z = low[2] + (first[2] + 2 * k + parity) * half_spacing
+                        values[i, j, k] = solid_distance(
+                            table, rows, group_blend, detail, cracks,
+                            x, y, z, spacing, 1.5 * WEATHERING_M, seed,
+                        )  # fmt: skip
+        for side in range(2):
+            layer = n * side
+            crossed[number, side] = _mixed_signs(even[layer], odd[layer])
+            crossed[number, 2 + side] = _mixed_signs(even[:, layer], odd[:, layer])
+            crossed[number, 4 + side] = _mixed_signs(even[:, :, layer], odd[:, :, layer])
+        count = block_triangles(even, odd, first, stride, keys, fractions, count)
+    return keys[:count].copy(), fractions[:count].copy(), crossed
+
+
+def carved_mesh(solid: Solid, spacing_m: float) -> TriangleMesh:
+    """The surface of a solid as one closed, edge-manifold mesh.
+
+    Parameters
+    ----------
+    solid : what to carve.
+    spacing_m : distance between lattice cells; triangle edges are about 0.6 of it long.
+
+    Returns
+    -------
+    The outer surface in the solid's frame; crumbs that the weathering cut off are left out.
+
+    Notes
+    -----
+    Only blocks of 4³ cells that the surface runs through are evaluated: starting from one,
+    wave after wave visits the neighbours across every face that the surface crosses. Memory
+    is bound by the surface, not by the volume, and the waves have a fixed order.
+    """
+    extent = np.ceil((solid.high - solid.low) / (BLOCK_CELLS * spacing_m)).astype(np.int64)
+    stride = int(extent.max() * 2 * BLOCK_CELLS + 4)
+    visited = np.zeros(extent, bool)
+    wave = _first_block(solid, spacing_m)[None]
+    keys, fractions = [], []
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        while len(wave):
+            visited[tuple(wave.T)] = True
+            parts = pool.map(
+                lambda blocks: _carve_blocks(
+                    blocks, solid.low, 0.5 * spacing_m, stride, solid.table, solid.group_blend,
+                    solid.detail, solid.cracks, solid.seed,
+                ),
+                np.array_split(wave, min(len(wave), _WORKERS)),
+            )  # fmt: skip
+            crossed = []
+            for part_keys, part_fractions, part_crossed in parts:
+                keys.append(part_keys)
+                fractions.append(part_fractions)
+                crossed.append(part_crossed)
+            block, face = np.nonzero(np.concatenate(crossed))
+            found = wave[block] + _NEIGHBOURS[face]
+            found = found[((found >= 0) & (found < extent)).all(axis=1)]
+            wave = np.unique(found[~visited[tuple(found.T)]], axis=0)
+    vertices, triangles = _indexed(np.concatenate(keys), np.concatenate(fractions), stride)
+    mesh = TriangleMesh(solid.low + vertices * (0.5 * spacing_m), triangles)
+    return _largest_component(mesh)
+
+
+def _first_block(solid: Solid, spacing_m: float) -> NDArray[np.int64]:
+    """The block (3,) where a walk along x from outside to the interior point enters."""
+    steps = np.arange(solid.low[0], solid.interior[0], 0.2 * spacing_m)
+    points = np.tile(solid.interior, (len(steps), 1))
+    points[:, 0] = steps
+    inside = solid.smooth_distances(points, spacing_m) < 0
+    entry = points[int(inside.argmax())]
+    block: NDArray[np.int64] = np.floor((entry - solid.low) / (BLOCK_CELLS * spacing_m)).astype(
+        np.int64
+    )
+    return block
+
+
+def _indexed(
+    keys: NDArray[np.int64], fractions: NDArray[np.float64], stride: int
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Vertices in half lattice spacings and triangles over them."""
+    names, first, triangles = np.unique(keys, return_index=True, return_inverse=True)
+    # A crossing at a node itself would give faces without area.
+    along = np.clip(fractions.reshape(-1)[first], 0.001, 0.999)
+    return edge_points(names, along, stride), triangles.reshape(-1, 3).astype(np.int32)
+
+
+def _largest_component(mesh: TriangleMesh) -> TriangleMesh:
+    """The connected part with most faces."""
+    edges = mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_matrix(
+        (np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), shape=(len(mesh.vertices),) * 2
+    )
+    _, label = connected_components(graph, directed=False)
+    faces = np.bincount(label[mesh.triangles[:, 0]])
+    return mesh.keep_triangles(label[mesh.triangles[:, 0]] == faces.argmax())

@@ -1,0 +1,93 @@
+"""Writes a report: one self-contained page and the same numbers as JSON."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from datetime import datetime
+from importlib import resources
+from pathlib import Path
+
+from workbench.formats.atomic import replacing
+from workbench.render.shading import png_bytes
+from workbench.verification.report_content import Picture, ReportContent
+
+_TEMPLATE = "report.html"
+# fmt: off
+_MONTHS = [
+    "January", "February", "March", "April", "May", "June",
+    "July", "August", "September", "October", "November", "December",
+]
+# fmt: on
+
+
+def write_report(folder: Path, content: ReportContent) -> None:
+    """Write ``report.html`` and ``report.json``.
+
+    The page holds all it shows — pictures, drawings, style — and asks nothing of a network
+    or a script, so that it can be kept with the model. The same content gives the same
+    bytes.
+
+    Parameters
+    ----------
+    folder
+        made if it does not exist.
+    content
+        what the report says.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    plain = json.dumps(content.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
+    _write(folder / "report.json", plain + "\n")
+    _write(folder / "report.html", report_html(content))
+
+
+def report_html(content: ReportContent) -> str:
+    """The page as text."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["data_url"] = _data_url
+    environment.filters["in_words"] = date_in_words
+    environment.filters["css_color"] = lambda rgb: "#{:02x}{:02x}{:02x}".format(*rgb)
+    source = resources.files("workbench.verification").joinpath(_TEMPLATE).read_text("utf-8")
+    page = environment.from_string(source).render(
+        content=content,
+        anchors=[f"s{k}-{_slug(section.title)}" for k, section in enumerate(content.sections, 1)],
+    )
+    return re.sub(r"\n\s*\n+", "\n", page)
+
+
+def date_in_words(date: str) -> str:
+    """An ISO 8601 date, with time and zone where it has them; other text stays as it is.
+
+    Examples
+    --------
+    >>> date_in_words("2025-03-04T10:09:12Z")
+    '4 March 2025, 10:09 UTC'
+    """
+    try:
+        moment = datetime.fromisoformat(date)
+    except ValueError:
+        return date
+    # Month names are spelt out here: those of strftime follow the machine's language.
+    words = f"{moment.day} {_MONTHS[moment.month - 1]} {moment.year}"
+    if len(date) <= len("2025-03-04"):
+        return words
+    zone = moment.tzname()
+    return f"{words}, {moment:%H:%M}" + (f" {zone}" if zone else "")
+
+
+def _data_url(picture: Picture) -> str:
+    return "data:image/png;base64," + base64.b64encode(png_bytes(picture.pixels)).decode("ascii")
+
+
+def _slug(title: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
