@@ -98,6 +98,9 @@ def _add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         photos: Annotated[list[Path] | None, typer.Option(help="Photographs or folders.")] = None,
         geometry: Annotated[Path | None, typer.Option(help="A surface made elsewhere.")] = None,
         cameras: Annotated[Path | None, typer.Option(help="Ready-made orientations.")] = None,
+        reference: Annotated[
+            Path | None, typer.Option(help="A surface the report compares the model with.")
+        ] = None,
         preset: Annotated[str, typer.Option(help=", ".join(presets()))] = "default",
         copy: Annotated[bool, typer.Option("--copy", help="Copy the inputs.")] = False,
         as_json: JsonOption = False,
@@ -109,6 +112,7 @@ def _add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
             photos=photos or (),
             geometry=geometry,
             cameras=cameras,
+            reference=reference,
             preset=preset,
             copy=copy,
         )
@@ -184,18 +188,14 @@ def _add_tool_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         as_json: JsonOption = False,
     ) -> None:
         """A project whose truth is known: scans, coarse poses and ``truth/``."""
-        from workbench.pipeline.simulation import simulate_project
+        from workbench.project.simulated import simulate_project
 
-        progress = Progress(quiet=False)
         made = simulate_project(
             out,
-            scene=scene,
-            seed=seed,
-            scans=scans,
-            size=size,
-            preset=preset,
+            given={"scene": scene, "seed": seed, "scans": scans, "size": size},
             settings=settings or (),
-            progress=progress,
+            preset=preset,
+            progress=Progress(),
         )
         found = made.scene()
         _print(

@@ -108,12 +108,12 @@ def test_poses_that_contradict_or_do_not_decide_are_refused(folder):
     assert list(read_pose_files([folder / "x.conf", folder / "y.aln"])) == ["b.ply"]
 
 
-def test_the_origin_of_the_workbench_file_is_put_back(folder):
+def test_poses_of_the_workbench_file_are_in_the_users_world(folder):
     write_scan_poses_json(
         folder / "scan_poses.json", {"b": rigid(np.eye(3), [1, 1, 1])}, [10, 20, 30]
     )
     poses = read_pose_files([folder / "scan_poses.json"])
-    assert poses["b"][:3, 3].tolist() == [11, 21, 31]
+    assert poses["b"][:3, 3].tolist() == [1, 1, 1]
 
 
 def test_poses_that_match_nothing_are_named(folder):

@@ -37,9 +37,8 @@ class ScanPoses:
 
     Attributes
     ----------
-    world_from_scan : scan name → 4×4 float64, into the project's world, whose zero is
-        ``origin``.
-    origin : (3,) float64, the project origin in the coordinates the user gave.
+    world_from_scan : scan name → 4×4 float64, into the user's own world coordinates.
+    origin : (3,) float64, the point of that world the project computes around.
     """
 
     world_from_scan: dict[str, Matrix4]
@@ -204,7 +203,7 @@ def write_scan_poses_json(
     poses
         Scan name → ``world_from_scan``, into the project's world.
     origin
-        (3,), the project origin in the coordinates the user gave.
+        (3,), the point of the world the project computes around.
     """
     content = {
         "origin": [float(value) for value in origin],

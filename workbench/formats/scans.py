@@ -276,9 +276,6 @@ def _conflict(path: Path, first: str, second: str) -> InputError:
 def read_pose_files(paths: Sequence[Path]) -> dict[str, Matrix4]:
     """All poses of several pose files, ``world_from_scan`` by the names the files use.
 
-    The poses of a ``scan_poses.json`` are moved by its origin, so that the world is the one
-    the user's coordinates are in.
-
     Raises
     ------
     InputError
@@ -302,10 +299,7 @@ def _poses_of(path: Path) -> dict[str, Matrix4]:
         case ".aln":
             return read_aln(path)
         case ".json":
-            read = read_scan_poses_json(path)
-            moved = np.eye(4)
-            moved[:3, 3] = read.origin
-            return {name: moved @ pose for name, pose in read.world_from_scan.items()}
+            return read_scan_poses_json(path).world_from_scan
     raise InputError(
         "This kind of file is not read as poses.",
         file=path,

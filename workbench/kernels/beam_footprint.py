@@ -91,7 +91,5 @@ def footprint_echoes(
     reported, near, far = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     chosen = np.full(n, -1, np.int64)
     mixed = np.zeros(n, bool)
-    _footprint_echoes(
-        ranges, energies, step_min, step_max, reported, near, far, chosen, mixed
-    )
+    _footprint_echoes(ranges, energies, step_min, step_max, reported, near, far, chosen, mixed)
     return reported, near, far, chosen, mixed

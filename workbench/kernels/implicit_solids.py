@@ -10,7 +10,7 @@ Columns of a row:
     kinds ELLIPSOID and ROUNDED_BOX: 4:7 the centre, 7:10 the half sizes, 10 the edge radius
     (box), 12:21 the rotation into the primitive's axes, row by row,
     21 the chain; rows of one chain follow each other and share columns 1 to 3,
-    22 the largest blend radius that any row applies to this one.
+    22 the reach: how far from the surface the row can still shape it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ CHAIN_COLUMN, REACH_COLUMN = 21, 22
 GROUPS = 7
 CUT_GROUP = GROUPS - 1
 FAR = 1.0e3
-SWELLING_M = 0.03
 # Roughness, pits, chisel marks and cracks together move the surface by less.
 WEATHERING_M = 0.009
 
@@ -39,18 +38,24 @@ ROUGHNESS, PITTING, CHISEL = 0, 1, 2
 
 
 @njit(cache=True, nogil=True)
-def _round_cone(row: NDArray[np.float64], x: float, y: float, z: float) -> float:
+def _round_cone(table: NDArray[np.float64], n: int, x: float, y: float, z: float) -> float:
     """Exact distance to the hull of two balls (Quilez, "Distance functions", round cone)."""
-    bx, by, bz = row[7] - row[4], row[8] - row[5], row[9] - row[6]
-    px, py, pz = x - row[4], y - row[5], z - row[6]
-    r1, r2 = row[10], row[11]
+    ax: float = table[n, 4]
+    ay: float = table[n, 5]
+    az: float = table[n, 6]
+    r1: float = table[n, 10]
+    r2: float = table[n, 11]
+    bx: float = table[n, 7] - ax
+    by: float = table[n, 8] - ay
+    bz: float = table[n, 9] - az
+    px, py, pz = x - ax, y - ay, z - az
     l2 = bx * bx + by * by + bz * bz
     rr = r1 - r2
     a2 = l2 - rr * rr
     if a2 <= 1e-12:
-        if r1 >= r2:
-            return math.sqrt(px * px + py * py + pz * pz) - r1
-        return math.sqrt((x - row[7]) ** 2 + (y - row[8]) ** 2 + (z - row[9]) ** 2) - r2
+        if r1 < r2:
+            px, py, pz, r1 = px - bx, py - by, pz - bz, r2
+        return math.sqrt(px * px + py * py + pz * pz) - r1
     il2 = 1.0 / l2
     v = px * bx + py * by + pz * bz
     w = v - l2
@@ -66,24 +71,28 @@ def _round_cone(row: NDArray[np.float64], x: float, y: float, z: float) -> float
 
 
 @njit(cache=True, nogil=True)
-def _primitive(row: NDArray[np.float64], x: float, y: float, z: float) -> float:
+def _primitive(table: NDArray[np.float64], n: int, x: float, y: float, z: float) -> float:
     """Distance to one primitive; for ellipsoids first-order exact at the surface."""
-    if row[0] == ROUND_CONE:
-        return _round_cone(row, x, y, z)
-    dx, dy, dz = x - row[4], y - row[5], z - row[6]
-    u = row[12] * dx + row[13] * dy + row[14] * dz
-    v = row[15] * dx + row[16] * dy + row[17] * dz
-    w = row[18] * dx + row[19] * dy + row[20] * dz
-    if row[0] == ELLIPSOID:
-        u, v, w = u / row[7], v / row[8], w / row[9]
+    if table[n, 0] == ROUND_CONE:
+        distance: float = _round_cone(table, n, x, y, z)
+        return distance
+    dx, dy, dz = x - table[n, 4], y - table[n, 5], z - table[n, 6]
+    u: float = table[n, 12] * dx + table[n, 13] * dy + table[n, 14] * dz
+    v: float = table[n, 15] * dx + table[n, 16] * dy + table[n, 17] * dz
+    w: float = table[n, 18] * dx + table[n, 19] * dy + table[n, 20] * dz
+    a: float = table[n, 7]
+    b: float = table[n, 8]
+    c: float = table[n, 9]
+    edge: float = table[n, 10]
+    if table[n, 0] == ELLIPSOID:
+        u, v, w = u / a, v / b, w / c
         k0 = math.sqrt(u * u + v * v + w * w)
-        u, v, w = u / row[7], v / row[8], w / row[9]
+        u, v, w = u / a, v / b, w / c
         k1 = math.sqrt(u * u + v * v + w * w)
         if k1 < 1e-9:
-            return -min(row[7], row[8], row[9])
+            return -min(a, min(b, c))
         return k0 * (k0 - 1.0) / k1
-    edge = row[10]
-    u, v, w = abs(u) - row[7] + edge, abs(v) - row[8] + edge, abs(w) - row[9] + edge
+    u, v, w = abs(u) - a + edge, abs(v) - b + edge, abs(w) - c + edge
     outside = math.sqrt(max(u, 0.0) ** 2 + max(v, 0.0) ** 2 + max(w, 0.0) ** 2)
     return outside + min(max(u, v, w), 0.0) - edge
 
@@ -102,7 +111,9 @@ def _weathering(
     x: float,
     y: float,
     z: float,
-    amounts: NDArray[np.float64],
+    roughness: float,
+    pitting: float,
+    chisel: float,
     spacing: float,
     seed: int,
     cracks: NDArray[np.float64],
@@ -114,36 +125,37 @@ def _weathering(
     while wavelength > 2.0 * spacing and octave < 8:
         fade = min(wavelength / spacing - 2.0, 1.0)
         noise = gradient_noise(x / wavelength, y / wavelength, z / wavelength, seed + octave)
-        depth += amounts[ROUGHNESS] * fade * 0.012 * wavelength * noise
+        depth += roughness * fade * 0.012 * wavelength * noise
         wavelength *= 0.5
         octave += 1
-    if amounts[PITTING] > 0.0:
+    if pitting > 0.0:
         patch = gradient_noise(x / 0.15, y / 0.15, z / 0.15, seed + 20)
-        density = max(0.0, 0.18 + 0.5 * patch) * amounts[PITTING]
+        density = max(0.0, 0.18 + 0.5 * patch) * pitting
         for cell in (0.032, 0.013):
             if cell > 4.0 * spacing:
                 pit = pit_depth(x / cell, y / cell, z / cell, density, seed + 21)
                 depth += 0.22 * cell * pit
-    if amounts[CHISEL] > 0.0 and spacing < 0.0035:
+    if chisel > 0.0 and spacing < 0.0035:
         patch = gradient_noise(x / 0.07, y / 0.07, z / 0.07, seed + 30)
         bend = gradient_noise(x / 0.05, y / 0.05, z / 0.05, seed + 31)
         turn = 1.6 * gradient_noise(x / 0.16, y / 0.16, z / 0.16, seed + 32)
         along = (x + 0.6 * y) * math.cos(turn) + z * math.sin(turn)
         groove = 0.5 - 0.5 * math.cos(2.0 * math.pi * (along + 0.004 * bend) / 0.0085)
         strength = min(max(3.0 * patch + 0.4, 0.0), 1.0)
-        depth += amounts[CHISEL] * 0.0011 * groove * groove * strength
+        depth += chisel * 0.0011 * groove * groove * strength
     for n in range(len(cracks)):
-        row = cracks[n]
-        reach = math.sqrt((x - row[5]) ** 2 + (y - row[6]) ** 2 + (z - row[7]) ** 2)
-        if reach >= row[8]:
+        reach = math.sqrt(
+            (x - cracks[n, 5]) ** 2 + (y - cracks[n, 6]) ** 2 + (z - cracks[n, 7]) ** 2
+        )
+        if reach >= cracks[n, 8]:
             continue
         wander = gradient_noise(x / 0.05, y / 0.05, z / 0.05, seed + 40 + n)
         wander += 0.4 * gradient_noise(x / 0.016, y / 0.016, z / 0.016, seed + 60 + n)
-        s = row[0] * x + row[1] * y + row[2] * z - row[3] + 0.012 * wander
-        half_width = max(row[4], 0.9 * spacing)
+        s = cracks[n, 0] * x + cracks[n, 1] * y + cracks[n, 2] * z - cracks[n, 3] + 0.012 * wander
+        half_width = max(cracks[n, 4], 0.9 * spacing)
         if abs(s) < half_width:
-            taper = min(1.0, (row[8] - reach) / (0.3 * row[8]))
-            depth += 3.0 * row[4] * taper * (1.0 - abs(s) / half_width)
+            taper = min(1.0, (cracks[n, 8] - reach) / (0.3 * cracks[n, 8]))
+            depth += 3.0 * cracks[n, 4] * taper * (1.0 - abs(s) / half_width)
     return min(max(depth, -WEATHERING_M), WEATHERING_M)
 
 
@@ -160,6 +172,7 @@ def solid_distance(
     spacing: float,
     margin: float,
     seed: int,
+    nearest: NDArray[np.float64],
 ) -> float:
     """Signed distance at one point, negative inside, metres.
 
@@ -173,37 +186,35 @@ def solid_distance(
     margin : beyond this distance weathering and cuts are left out: `WEATHERING_M` or more
         for a sign that is right, negative for the form before weathering and cuts.
     seed : which weathering.
+    nearest : (7,) scratch space, so that no point allocates.
     """
-    nearest = np.full(GROUPS, FAR)
+    nearest[:] = FAR
     value = FAR
     for place in range(len(rows)):
-        row = table[rows[place]]
-        value = min(value, _primitive(row, x, y, z))
-        if (
-            place + 1 < len(rows)
-            and table[rows[place + 1], CHAIN_COLUMN] == row[CHAIN_COLUMN]
-        ):
+        n = rows[place]
+        value = min(value, _primitive(table, n, x, y, z))
+        if place + 1 < len(rows) and table[rows[place + 1], CHAIN_COLUMN] == table[n, CHAIN_COLUMN]:
             continue
-        group = int(row[1])
-        if row[2] == UNION:
-            nearest[group] = _smooth_min(nearest[group], value, row[3])
+        group = int(table[n, 1])
+        if table[n, 2] == UNION:
+            nearest[group] = _smooth_min(nearest[group], value, table[n, 3])
         else:
-            nearest[group] = -_smooth_min(-nearest[group], value, row[3])
+            nearest[group] = -_smooth_min(-nearest[group], value, table[n, 3])
         value = FAR
     distance = FAR
     for group in range(CUT_GROUP):
         distance = _smooth_min(distance, nearest[group], group_blend[group])
     if abs(distance) < margin:
-        amounts = np.zeros(3)
-        total = 0.0
+        roughness, pitting, chisel, total = 0.0, 0.0, 0.0, 1e-12
         for group in range(CUT_GROUP):
             weight = max(0.0, 1.0 - (nearest[group] - distance) / 0.008)
             total += weight
-            for column in range(3):
-                amounts[column] += weight * detail[group, column]
-        if total > 0.0:
-            amounts /= total
-        distance += _weathering(x, y, z, amounts, spacing, seed, cracks)
+            roughness += weight * detail[group, ROUGHNESS]
+            pitting += weight * detail[group, PITTING]
+            chisel += weight * detail[group, CHISEL]
+        distance += _weathering(
+            x, y, z, roughness / total, pitting / total, chisel / total, spacing, seed, cracks
+        )
     if nearest[CUT_GROUP] < margin:
         rough = 0.0055 * gradient_noise(x / 0.035, y / 0.035, z / 0.035, seed + 80)
         rough += 0.0022 * gradient_noise(x / 0.011, y / 0.011, z / 0.011, seed + 81)
@@ -225,6 +236,7 @@ def solid_distances(
 ) -> NDArray[np.float64]:
     """``solid_distance`` at points (n, 3): (n,) float64."""
     out = np.empty(len(points))
+    nearest = np.empty(GROUPS)
     for n in range(len(points)):
         out[n] = solid_distance(
             table,
@@ -238,6 +250,7 @@ def solid_distances(
             spacing,
             margin,
             seed,
+            nearest,
         )
     return out
 
@@ -248,14 +261,13 @@ def relevant_rows(
 ) -> NDArray[np.int64]:
     """Indices (sorted) of the primitives that can shape the surface inside a ball.
 
-    A primitive further from a surface point than the blend radius plus the swelling of all
-    blends and the weathering there cannot change it; `SWELLING_M` bounds the latter two.
+    Distances to ellipsoids are only first-order exact, hence the factor on the radius.
     """
     kept = np.empty(len(table), np.int64)
     count = 0
     for n in range(len(table)):
-        distance = _primitive(table[n], center[0], center[1], center[2])
-        if distance < 1.1 * radius + table[n, REACH_COLUMN] + SWELLING_M:
+        distance = _primitive(table, n, center[0], center[1], center[2])
+        if distance < 1.1 * radius + table[n, REACH_COLUMN]:
             kept[count] = n
             count += 1
     return kept[:count].copy()

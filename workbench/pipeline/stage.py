@@ -89,6 +89,10 @@ class Products:
         """Content hash of one of the user's files."""
         return self._project.hashes.of_file(path)
 
+    def item_hash(self, name: str, item: str) -> str:
+        """Content hash of one item of a declared artefact."""
+        return self._project.hashes.of_file(self._project.store.path(self._readable(name), item))
+
     def save(self, name: str, value: Any, item: str | None = None) -> Path:
         """Store a declared product whole."""
         return self._project.store.save(self._writable(name), value, item)

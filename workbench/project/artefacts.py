@@ -44,6 +44,7 @@ _TABLE = (
     Artefact("photo_files", "", "input", "the photographs the user brought"),
     Artefact("camera_files", "", "input", "ready-made photograph orientations"),
     Artefact("geometry_file", "", "input", "a surface made elsewhere"),
+    Artefact("reference_file", "", "input", "a surface to compare with"),
     Artefact("scan_inventory", "work/ingest/scans.json", "json", "every scan and what it holds"),
     Artefact(
         "range_maps", "work/ingest/range_maps/{item}.npz", "range-map", "scans in metres, checked"
@@ -64,7 +65,9 @@ _TABLE = (
     Artefact("report_html", "report/report.html", "file", "the report for people"),
     Artefact("report_json", "report/report.json", "json", "the report's numbers"),
     Artefact("provenance", "provenance.json", "json", "W3C PROV-JSON of the whole project"),
-    Artefact("truth_surface", "truth/surface.ply", "file", "the simulated scene", truth=True),
+    Artefact("truth_surface", "truth/surface.npz", "arrays", "the simulated scene", truth=True),
+    Artefact("truth_samples", "truth/scans/{item}.npz", "arrays", "noise-free hits", truth=True),
+    Artefact("simulation", "truth/simulation.json", "json", "the simulation's options", truth=True),
     Artefact("truth_poses", "truth/scan_poses.json", "json", "the simulated poses", truth=True),
 )
 

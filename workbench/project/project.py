@@ -32,6 +32,8 @@ PHOTO_SUFFIXES = frozenset(
     ".nef .cr2 .cr3 .crw .arw .dng .raf .orf .rw2 .pef .kdc .jpg .jpeg .png .tif .tiff".split()
 )
 
+_SURFACES = frozenset((".ply", ".obj", ".stl", ".glb"))
+
 
 class Inputs(BaseModel):
     """Where the user's files lie, relative to the project folder."""
@@ -41,6 +43,7 @@ class Inputs(BaseModel):
     photos: tuple[str, ...] = ()
     geometry: str | None = None
     cameras: str | None = None
+    reference: str | None = None
 
 
 class ProjectFile(BaseModel):
@@ -63,6 +66,7 @@ class Scene:
     photos: int
     cameras: bool
     geometry: bool
+    reference: bool
     truth: bool
     scan_bytes: int
 
@@ -144,7 +148,11 @@ class Project:
             return listing.pose_files if listing else ()
         if artefact == "photo_files":
             return self.photo_files
-        entry = {"geometry_file": inputs.geometry, "camera_files": inputs.cameras}[artefact]
+        entry = {
+            "geometry_file": inputs.geometry,
+            "camera_files": inputs.cameras,
+            "reference_file": inputs.reference,
+        }[artefact]
         if entry is None:
             return ()
         path = self._input_path(entry)
@@ -160,6 +168,7 @@ class Project:
             photos=len(self.photo_files),
             cameras=inputs.cameras is not None,
             geometry=inputs.geometry is not None,
+            reference=inputs.reference is not None,
             truth=(self.root / "truth").is_dir(),
             scan_bytes=sum(path.stat().st_size for path in files),
         )
@@ -205,10 +214,14 @@ def create_project(
     photos: Sequence[Path] = (),
     geometry: Path | None = None,
     cameras: Path | None = None,
+    reference: Path | None = None,
     preset: str = "default",
     copy: bool = False,
 ) -> Project:
     """Make a project folder that refers to inputs where they lie, or holds copies of them.
+
+    Without ``reference``, the one surface in a ``reference/`` folder inside a scan folder is
+    taken: such sets (the Stanford repository, for one) bring what to compare with.
 
     Raises
     ------
@@ -221,7 +234,8 @@ def create_project(
     if not (scans or photos or geometry):
         raise InputError("A project needs scans, photographs or a surface", fix="give --scans PATH")
     load_preset(preset)
-    for path in (geometry, cameras):
+    reference = reference or _reference_beside(scans)
+    for path in (geometry, cameras, reference):
         if path is not None and not path.exists():
             raise InputError("There is no such file or folder", file=path)
     if scans:
@@ -248,10 +262,18 @@ def create_project(
         lines += [f"geometry = {_toml(entry(geometry, 'geometry'))}"]
     if cameras:
         lines += [f"cameras = {_toml(entry(cameras, 'cameras'))}"]
+    if reference:
+        lines += [f"reference = {_toml(entry(reference, 'reference'))}"]
     lines += ["", "# What the preset does not say, stage by stage:", "# [stages.infill]", "# depth = 9", ""]
     with replacing(root / PROJECT_FILE) as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
     return Project(root)
+
+
+def _reference_beside(scans: Sequence[Path]) -> Path | None:
+    folders = [path / "reference" for path in scans if (path / "reference").is_dir()]
+    found = [p for folder in folders for p in sorted(folder.iterdir()) if p.suffix in _SURFACES]
+    return found[0] if len(found) == 1 else None
 
 
 def _toml(value: str | list[str]) -> str:

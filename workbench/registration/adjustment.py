@@ -69,8 +69,11 @@ class Adjustment:
     converged, rounds : whether and after how many matching rounds.
     graph : overlaps at the final poses.
     pairs : what each pair ended with.
-    residuals_before, residuals_after : (m,) metres, signed, along the mean normals.
-    sigma_m : robust standard deviation of the residuals after.
+    residuals_before : (m,) metres, signed, along the mean normals, at the coarse poses and
+        within the first search distance.
+    residuals_given, residuals_after : likewise within the last search distance, at the
+        coarse and the refined poses.
+    sigma_given_m, sigma_m : robust standard deviations of the last two.
     covariance : (n, 6, 6) per scan, rotation (rad) then translation (m), world axes about
         the scan's centre; zero for the anchor; only constrained directions count.
     condition : ratio of the best to the least seen share among constrained motions.
@@ -85,7 +88,9 @@ class Adjustment:
     graph: OverlapGraph
     pairs: tuple[PairResult, ...]
     residuals_before: NDArray[np.float64]
+    residuals_given: NDArray[np.float64]
     residuals_after: NDArray[np.float64]
+    sigma_given_m: float
     sigma_m: float
     covariance: NDArray[np.float64]
     condition: float
@@ -144,7 +149,7 @@ def adjust(
     final = overlap_graph(fine, poses, floor, settings.min_overlap)
     matches = _match_all(fine, final, poses, floor)
     after = _residuals(matches)
-    sigma = _MAD_TO_SIGMA * float(np.median(np.abs(after))) if len(after) else 0.0
+    given = _residuals(_match_all(fine, final, coarse_poses, floor))
     reason = ""
     if not graph.connected:
         reason = "some scans overlap no other"
@@ -158,8 +163,10 @@ def adjust(
         graph=final,
         pairs=_pair_results(matches),
         residuals_before=before,
+        residuals_given=given,
         residuals_after=after,
-        sigma_m=sigma,
+        sigma_given_m=_robust_sigma(given),
+        sigma_m=_robust_sigma(after),
         covariance=covariance,
         condition=condition,
         freedoms=tuple(freedom_in_words(motion, names) for motion in motions),
@@ -184,10 +191,7 @@ class _System:
         n = len(scans)
         residuals = [match.plane_residuals() for match in matches]
         pooled = np.concatenate(residuals) if residuals else np.zeros(0)
-        self.sigma_m = max(
-            _MAD_TO_SIGMA * float(np.median(np.abs(pooled))) if len(pooled) else 0.0,
-            1e-9 * radius,
-        )
+        self.sigma_m = max(_robust_sigma(pooled), 1e-9 * radius)
         self.matrix = np.zeros((6 * n, 6 * n))
         # What the matrix would be if every match held its points in all three directions.
         self._held_in_space = np.zeros((6 * n, 6 * n))
@@ -312,6 +316,11 @@ def _match_all(
 
 def _residuals(matches: Sequence[Matches]) -> NDArray[np.float64]:
     return np.concatenate([m.plane_residuals() for m in matches]) if matches else np.zeros(0)
+
+
+def _robust_sigma(residuals: NDArray[np.float64]) -> float:
+    """Standard deviation from the median of absolute values; 0 without residuals."""
+    return _MAD_TO_SIGMA * float(np.median(np.abs(residuals))) if len(residuals) else 0.0
 
 
 def _pair_results(matches: Sequence[Matches]) -> tuple[PairResult, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from workbench.geometry import transforms
@@ -51,7 +53,11 @@ def _walls(rng: np.random.Generator) -> list[TriangleMesh]:
         (270.0, DEPTH_M, half_x),
     ):  # fmt: skip
         angle = np.radians(turn)
-        rotation = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+        rotation = [
+            [np.cos(angle), -np.sin(angle), 0],
+            [np.sin(angle), np.cos(angle), 0],
+            [0, 0, 1],
+        ]
         local_from_side = transforms.rigid(rotation, [0.0, 0.0, 0.0])
         openings = _openings(width, with_door=turn == 0.0)
         side = [*_stones(width, distance, openings, rng), *_windows(distance, openings)]
@@ -83,21 +89,25 @@ def _stones(
     stones = []
     for course in range(int(WALL_HEIGHT_M / _COURSE_M)):
         low, high = course * _COURSE_M, (course + 1) * _COURSE_M
-        joints = np.arange(-0.5 * width, 0.5 * width + 1e-9, _STONE_M) + 0.5 * _STONE_M * (course % 2)
+        joints = np.arange(-0.5 * width, 0.5 * width + 1e-9, _STONE_M) + 0.5 * _STONE_M * (
+            course % 2
+        )
         spared = [(o[0], o[1]) for o in openings if o[2] < high - 1e-9 and o[3] > low + 1e-9]
         edges = np.unique(np.clip(np.append(joints, [-0.5 * width, *sum(spared, ())]),
                                   -0.5 * width, 0.5 * width))  # fmt: skip
-        for left, right in zip(edges[:-1], edges[1:], strict=True):
+        for left, right in pairwise(edges):
             middle = 0.5 * (left + right)
             if any(a < middle < b for a, b in spared):
                 continue
             rustic = 0.03 if low < _PLINTH_M + 1e-9 else 0.008
             front = -distance - (0.12 if low < _PLINTH_M - 1e-9 else 0.0)
             front -= abs(rng.normal(0.0, rustic))
-            lap = [0.0 if any(abs(left - e) < 1e-9 for s in spared for e in s) else _LAP_M,
-                   0.0 if any(abs(right - e) < 1e-9 for s in spared for e in s) else _LAP_M]  # fmt: skip
+            jambs = [edge for opening in spared for edge in opening]
+            lap = [0.0 if np.isclose(jambs, x).any() else _LAP_M for x in (left, right)]
             stones.append(
-                solids.box((left - lap[0], front, low), (right + lap[1], 0.6 - distance, high + 1e-3))
+                solids.box(
+                    (left - lap[0], front, low), (right + lap[1], 0.6 - distance, high + 1e-3)
+                )
             )
     return stones
 
@@ -110,7 +120,9 @@ def _windows(
     for left, right, low, high in openings:
         y = -distance
         parts.append(solids.box((left - 0.15, y - 0.14, low - 0.1), (right + 0.15, y + 0.3, low)))
-        parts.append(solids.box((left - 0.25, y - 0.22, high), (right + 0.25, y + 0.3, high + 0.18)))
+        parts.append(
+            solids.box((left - 0.25, y - 0.22, high), (right + 0.25, y + 0.3, high + 0.18))
+        )
         middle = 0.5 * (left + right)
         for x in (left + 0.04, middle, right - 0.04):
             parts.append(solids.box((x - 0.04, y + 0.22, low), (x + 0.04, y + 0.3, high)))
@@ -142,12 +154,16 @@ def _portico() -> list[TriangleMesh]:
     """Steps, four fluted columns with bases and capitals, architrave and pediment."""
     front = -0.5 * DEPTH_M
     parts = [
-        solids.box((-6.0 - 0.35 * n, front - 3.6 - 0.35 * n, 0.0), (6.0 + 0.35 * n, front, 0.64 - 0.16 * n))
+        solids.box(
+            (-6.0 - 0.35 * n, front - 3.6 - 0.35 * n, 0.0), (6.0 + 0.35 * n, front, 0.64 - 0.16 * n)
+        )
         for n in range(4)
     ]
     height = np.linspace(0.0, 1.0, 24)
     shaft = np.column_stack([0.42 - 0.07 * height**1.6, 1.0 + 5.2 * height])
-    base = np.array([[0.56, 0.62], [0.58, 0.70], [0.56, 0.80], [0.48, 0.86], [0.50, 0.95], [0.44, 1.02]])
+    base = np.array(
+        [[0.56, 0.62], [0.58, 0.70], [0.56, 0.80], [0.48, 0.86], [0.50, 0.95], [0.44, 1.02]]
+    )
     capital = np.array([[0.36, 6.15], [0.42, 6.24], [0.40, 6.30], [0.56, 6.48], [0.58, 6.52]])
     for x in (-4.8, -1.6, 1.6, 4.8):
         place = transforms.rigid(np.eye(3), [x, front - 2.9, 0.0])

@@ -6,16 +6,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from workbench.geometry.mesh import TriangleMesh
-from workbench.kernels.bcc_isosurface import block_triangles, edge_points
-from workbench.kernels.implicit_solids import WEATHERING_M, relevant_rows, solid_distance
+from workbench.kernels.bcc_isosurface import edge_points
+from workbench.kernels.carved_blocks import BLOCK_CELLS, carve_blocks, distances_by_cell
 
-BLOCK_CELLS = 4
 _CELL_M = 0.02
 _WORKERS = 4
 _NEIGHBOURS = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
@@ -61,10 +59,11 @@ class Solid:
         def measure(cells: NDArray[np.int64]) -> NDArray[np.float64]:
             first = starts[cells[0]]
             last = starts[cells[-1] + 1] if cells[-1] + 1 < len(starts) else len(points)
-            part: NDArray[np.float64] = _distances_by_cell(
+            part: NDArray[np.float64] = distances_by_cell(
                 points[order[first:last]],
                 np.append(starts[cells], last) - first,
                 self.low + (cell[order[starts[cells]]] + 0.5) * _CELL_M,
+                0.87 * _CELL_M,
                 self.table,
                 self.group_blend,
                 self.detail,
@@ -78,88 +77,6 @@ class Solid:
         with ThreadPoolExecutor(_WORKERS) as pool:
             values[order] = np.concatenate(list(pool.map(measure, batches)))
         return values
-
-
-@njit(cache=True, nogil=True)
-def _distances_by_cell(
-    points: NDArray[np.float64],
-    starts: NDArray[np.int64],
-    centers: NDArray[np.float64],
-    table: NDArray[np.float64],
-    group_blend: NDArray[np.float64],
-    detail: NDArray[np.float64],
-    cracks: NDArray[np.float64],
-    spacing: float,
-    seed: int,
-) -> NDArray[np.float64]:
-    """Unweathered distances of points that are sorted by cell, cell n from ``starts[n]`` on."""
-    out = np.empty(len(points))
-    for cell in range(len(centers)):
-        rows = relevant_rows(table, centers[cell], 0.87 * _CELL_M)
-        for n in range(starts[cell], starts[cell + 1]):
-            out[n] = solid_distance(
-                table, rows, group_blend, detail, cracks,
-                points[n, 0], points[n, 1], points[n, 2], spacing, -1.0, seed,
-            )  # fmt: skip
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _mixed_signs(even: NDArray[np.float64], odd: NDArray[np.float64]) -> bool:
-    """Whether the values of one face of a block lie on both sides of the surface."""
-    inside = even[0, 0] < 0.0
-    for i in range(even.shape[0]):
-        for j in range(even.shape[1]):
-            if (even[i, j] < 0.0) != inside or (odd[i, j] < 0.0) != inside:
-                return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def _carve_blocks(
-    blocks: NDArray[np.int64],
-    low: NDArray[np.float64],
-    half_spacing: float,
-    stride: int,
-    table: NDArray[np.float64],
-    group_blend: NDArray[np.float64],
-    detail: NDArray[np.float64],
-    cracks: NDArray[np.float64],
-    seed: int,
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Edge names and fractions (m, 3) of the triangles, and which faces (b, 6) they cross."""
-    n = BLOCK_CELLS
-    spacing = 2.0 * half_spacing
-    keys = np.empty((24 * n**3 * len(blocks), 3), np.int64)
-    fractions = np.empty((24 * n**3 * len(blocks), 3))
-    crossed = np.zeros((len(blocks), 6), np.bool_)
-    count = 0
-    even = np.empty((n + 1, n + 1, n + 1))
-    odd = np.empty((n + 1, n + 1, n + 1))
-    radius = 0.5 * np.sqrt(3.0) * (n + 0.5) * spacing
-    for number in range(len(blocks)):
-        first = blocks[number] * (2 * n)
-        center = low + (first + (n + 0.5)) * half_spacing
-        rows = relevant_rows(table, center, radius)
-        for parity in range(2):
-            values = odd if parity else even
-            for i in range(n + 1):
-                x = low[0] + (first[0] + 2 * i + parity) * half_spacing
-                for j in range(n + 1):
-                    y = low[1] + (first[1] + 2 * j + parity) * half_spacing
-                    for k in range(n + 1):
-                        z = low[2] + (first[2] + 2 * k + parity) * half_spacing
-                        values[i, j, k] = solid_distance(
-                            table, rows, group_blend, detail, cracks,
-                            x, y, z, spacing, 1.5 * WEATHERING_M, seed,
-                        )  # fmt: skip
-        for side in range(2):
-            layer = n * side
-            crossed[number, side] = _mixed_signs(even[layer], odd[layer])
-            crossed[number, 2 + side] = _mixed_signs(even[:, layer], odd[:, layer])
-            crossed[number, 4 + side] = _mixed_signs(even[:, :, layer], odd[:, :, layer])
-        count = block_triangles(even, odd, first, stride, keys, fractions, count)
-    return keys[:count].copy(), fractions[:count].copy(), crossed
 
 
 def carved_mesh(solid: Solid, spacing_m: float) -> TriangleMesh:
@@ -189,7 +106,7 @@ def carved_mesh(solid: Solid, spacing_m: float) -> TriangleMesh:
         while len(wave):
             visited[tuple(wave.T)] = True
             parts = pool.map(
-                lambda blocks: _carve_blocks(
+                lambda blocks: carve_blocks(
                     blocks, solid.low, 0.5 * spacing_m, stride, solid.table, solid.group_blend,
                     solid.detail, solid.cracks, solid.seed,
                 ),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -29,9 +31,7 @@ def add_dress(table: PrimitiveTable, posture: Posture, rng: np.random.Generator)
     _add_swags(table, posture, rng)
 
 
-def _add_hanging_folds(
-    table: PrimitiveTable, posture: Posture, rng: np.random.Generator
-) -> None:
+def _add_hanging_folds(table: PrimitiveTable, posture: Posture, rng: np.random.Generator) -> None:
     """Tubular folds from the waist to the hem; over the bent thigh they start below the knee."""
     count = int(rng.integers(36, 43))
     azimuths = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
@@ -180,12 +180,10 @@ def add_fall(table: PrimitiveTable, rng: np.random.Generator) -> None:
         table.chain(Group.FOLDS, path, 0.0095 + 0.004 * along, 0.008)
         ends.append(path[-1])
     # The cloth between the folds: one slab, narrower than the folds are deep.
-    for first, second in zip(ends[:-1], ends[1:], strict=True):
+    for first, second in pairwise(ends):
         middle = 0.5 * (first + second)
         half = 0.5 * abs(middle[2]) - 0.004
-        table.box(
-            Group.FOLDS, (0.0, middle[1], -half), (0.0105, 0.014, half), 0.006, 0.008
-        )
+        table.box(Group.FOLDS, (0.0, middle[1], -half), (0.0105, 0.014, half), 0.006, 0.008)
     for n in range(6):
         t = n / 5
         arc = np.linspace(-0.35, np.pi + 0.35, 9)

@@ -85,8 +85,8 @@ def add_bent_arm(table: PrimitiveTable) -> None:
     scroll_low, scroll_high = np.array([-0.158, 0.147, 0.688]), np.array([-0.164, 0.143, 0.815])
     table.cone(Group.BODY, scroll_low, scroll_high, (0.0125, 0.0125), 0.002)
     for end in (scroll_low, scroll_high):
-        table.ball(Group.BODY, end + [0.0, 0.0, 0.01 * np.sign(end[2] - 0.75)], 0.006, 0.002,
-                   SUBTRACT)  # fmt: skip
+        hollow = end + np.array([0.0, 0.0, 0.01 * np.sign(end[2] - 0.75)])
+        table.ball(Group.BODY, hollow, 0.006, 0.002, SUBTRACT)
     angle = np.radians(np.array([185.0, 130.0, 75.0, 20.0, -30.0]))
     for finger, z in enumerate((0.764, 0.752, 0.7395, 0.728)):
         center = scroll_low + (z - scroll_low[2]) / 0.127 * (scroll_high - scroll_low)
@@ -105,15 +105,16 @@ def add_hanging_arm(table: PrimitiveTable, posture: Posture) -> NDArray[np.float
     wrist = np.array([0.214, 0.045, 0.615])
     table.cone(Group.BODY, shoulder, elbow, (0.044, 0.034), 0.03)
     table.cone(Group.BODY, elbow, wrist, (0.034, 0.021), 0.012)
-    palm = wrist + [0.0, 0.017, -0.04]
+    palm = wrist + np.array([0.0, 0.017, -0.04])
     table.cone(Group.BODY, wrist, palm, (0.019, 0.02), 0.012)
     for n, across in enumerate((-0.018, -0.006, 0.006, 0.017)):
-        knuckle = palm + [0.35 * across, across, -0.012 + 0.4 * abs(across)]
-        bend = knuckle + [-0.006, 0.008, -0.026]
-        tip = bend + [-0.012, 0.003, -0.02 + 0.002 * n]
+        knuckle = palm + np.array([0.35 * across, across, -0.012 + 0.4 * abs(across)])
+        bend = knuckle + np.array([-0.006, 0.008, -0.026])
+        tip = bend + np.array([-0.012, 0.003, -0.02 + 0.002 * n])
         table.chain(Group.BODY, np.stack([knuckle, bend, tip]), [0.0078, 0.0068, 0.0055], 0.002)
-    thumb = np.stack([wrist + [-0.01, 0.02, -0.015], palm + [-0.012, 0.03, -0.008],
-                      palm + [-0.012, 0.03, -0.032]])  # fmt: skip
+    thumb = np.stack([wrist, palm, palm]) + np.array(
+        [[-0.01, 0.02, -0.015], [-0.012, 0.03, -0.008], [-0.012, 0.03, -0.032]]
+    )
     table.chain(Group.BODY, thumb, [0.009, 0.0078, 0.006], 0.003)
     stump: NDArray[np.float64] = elbow + 0.42 * (wrist - elbow)
     if posture.broken_arm:
@@ -138,13 +139,13 @@ def add_feet(table: PrimitiveTable, posture: Posture) -> None:
         heel = np.array([ankle[0], ankle[1] + 0.02, BASE_TOP_M + 0.03])
         forward = np.array([0.22 * side, 1.0, 0.0]) / np.hypot(0.22, 1.0)
         across = np.array([forward[1], -forward[0], 0.0]) * side
-        ball = heel + 0.092 * forward + [0, 0, -0.012]
+        ball = heel + 0.092 * forward + np.array([0, 0, -0.012])
         table.cone(Group.BODY, ankle, heel, (0.034, 0.03), 0.02)
         table.cone(Group.BODY, heel, ball, (0.028, 0.015), 0.015)
         table.cone(Group.BODY, ball - 0.016 * across, ball + 0.018 * across, (0.014, 0.012), 0.010)
         for toe in range(5):
             root = ball + (0.0135 * (toe - 1.7)) * across + (0.012 - 0.004 * toe) * forward
-            tip = root + (0.026 - 0.002 * toe) * forward + [0, 0, -0.006]
+            tip = root + (0.026 - 0.002 * toe) * forward + np.array([0, 0, -0.006])
             size = 0.0092 if toe == 0 else 0.0072 - 0.0004 * toe
             table.cone(Group.BODY, root, tip, (size, size), 0.002)
         sole = curve_through([heel - 0.03 * forward, heel + 0.05 * forward, ball + 0.03 * forward],

@@ -61,7 +61,7 @@ def add_face(table: PrimitiveTable) -> None:
                 [np.sin(turn), np.cos(turn) * 0.96, lift * height / 0.0146], axis=1
             )
             table.chain(Group.HEAD, lid, radius, 0.0012)
-        table.ball(Group.HEAD, eye + [0, 0.0142, 0.0006], 0.0026, 0.001, SUBTRACT)
+        table.ball(Group.HEAD, eye + np.array([0, 0.0142, 0.0006]), 0.0026, 0.001, SUBTRACT)
     # Muzzle, lips, the line between them, the groove below the nose.
     table.ellipsoid(Group.HEAD, (0, 0.056, 0.036), (0.021, 0.0175, 0.0165), 0.01)
     upper = curve_through(
@@ -72,7 +72,9 @@ def add_face(table: PrimitiveTable) -> None:
                 0.0015)  # fmt: skip
     lower = curve_through([[-0.015, 0.065, 0.0300], [0, 0.0745, 0.0275], [0.015, 0.065, 0.0300]], 7)
     table.chain(Group.HEAD, lower, [1.5e-3, 3.2e-3, 4.2e-3, 4.4e-3, 4.2e-3, 3.2e-3, 1.5e-3], 0.002)
-    line = curve_through([[-0.0205, 0.066, 0.0322], [0, 0.0805, 0.0335], [0.0205, 0.066, 0.0322]], 7)
+    line = curve_through(
+        [[-0.0205, 0.066, 0.0322], [0, 0.0805, 0.0335], [0.0205, 0.066, 0.0322]], 7
+    )
     table.chain(Group.HEAD, line, 0.0016, 0.001, SUBTRACT)
     table.cone(Group.HEAD, (0, 0.0785, 0.049), (0, 0.0795, 0.0425), (0.0022, 0.0026), 0.002,
                SUBTRACT)  # fmt: skip
@@ -84,7 +86,11 @@ def add_hair(table: PrimitiveTable, rng: np.random.Generator) -> None:
     for x in (-1.0, 1.0):
         for n in range(strands):
             back = n / (strands - 1)
-            start = [0.003 * x, 0.071 - 0.115 * back, 0.139 + 0.036 * np.sin(np.pi * min(1.0, back + 0.25))]
+            start = [
+                0.003 * x,
+                0.071 - 0.115 * back,
+                0.139 + 0.036 * np.sin(np.pi * min(1.0, back + 0.25)),
+            ]
             side = [0.052 * x, 0.052 - 0.075 * back, 0.122 + 0.004 * back]
             temple = [(0.062 - 0.006 * back) * x, 0.014 - 0.072 * back, 0.092 - 0.012 * back]
             nape = [(0.022 - 0.012 * back) * x, -0.082, 0.074 - 0.012 * (1 - back)]

@@ -20,59 +20,91 @@ class ScannerOptions(BaseModel):
     model_config = _FROZEN
 
     projection: Literal["perspective", "spherical"] = Field(
-        "perspective", description="Rays through a flat grid, or equal steps of two angles."
+        default="perspective", description="Rays through a flat grid, or equal steps of two angles."
     )
-    rows: int = Field(300, ge=2, le=20000, description="Rays from top to bottom.")
-    cols: int = Field(220, ge=2, le=20000, description="Rays from left to right.")
-    vertical_fov_deg: float = Field(46.0, gt=0.1, lt=170.0, description="Field of view, height.")
-    horizontal_fov_deg: float = Field(34.0, gt=0.1, lt=360.0, description="Field of view, width.")
+    rows: int = Field(default=300, ge=2, le=20000, description="Rays from top to bottom.")
+    cols: int = Field(default=220, ge=2, le=20000, description="Rays from left to right.")
+    vertical_fov_deg: float = Field(
+        default=46.0, gt=0.1, lt=170.0, description="Field of view, height."
+    )
+    horizontal_fov_deg: float = Field(
+        default=34.0, gt=0.1, lt=360.0, description="Field of view, width."
+    )
     depth_sigma_m: float = Field(
-        0.0002, ge=0.0, le=1.0, description="Range noise along the ray at the reference distance."
+        default=0.0002,
+        ge=0.0,
+        le=1.0,
+        description="Range noise along the ray at the reference distance.",
     )
     reference_distance_m: float = Field(
-        1.5, gt=0.0, le=1000.0, description="Where depth_sigma_m holds; noise grows with (d/d0)²."
+        default=1.5,
+        gt=0.0,
+        le=1000.0,
+        description="Where depth_sigma_m holds; noise grows with (d/d0)².",
     )
     angular_jitter_rad: float = Field(
-        3e-5, ge=0.0, le=0.01, description="How far the beam strays from its nominal direction."
+        default=3e-5,
+        ge=0.0,
+        le=0.01,
+        description="How far the beam strays from its nominal direction.",
     )
     beam_divergence_rad: float = Field(
-        8e-4, ge=0.0, le=0.05, description="Full opening angle of the beam; 0 has no mixed pixels."
+        default=8e-4,
+        ge=0.0,
+        le=0.05,
+        description="Full opening angle of the beam; 0 has no mixed pixels.",
     )
     footprint_rays: int = Field(
-        7, ge=1, le=61, description="Rays that sample the footprint, the beam's axis among them."
+        default=7,
+        ge=1,
+        le=61,
+        description="Rays that sample the footprint, the beam's axis among them.",
     )
     mixed_step_min_m: float = Field(
-        0.004, gt=0.0, description="A depth step above this within the footprint mixes a pixel."
+        default=0.004,
+        gt=0.0,
+        description="A depth step above this within the footprint mixes a pixel.",
     )
     mixed_step_max_m: float = Field(
-        0.4, gt=0.0, description="Echoes further apart are told apart; the stronger one counts."
+        default=0.4,
+        gt=0.0,
+        description="Echoes further apart are told apart; the stronger one counts.",
     )
     min_return_share: Probability = Field(
-        0.25, description="Share of the footprint that must come back for a sample to exist."
+        default=0.25,
+        description="Share of the footprint that must come back for a sample to exist.",
     )
     grazing_start_deg: float = Field(
-        75.0, ge=0.0, lt=90.0, description="Incidence angle from which samples begin to drop out."
+        default=75.0,
+        ge=0.0,
+        lt=90.0,
+        description="Incidence angle from which samples begin to drop out.",
     )
     grazing_dropout: Probability = Field(
-        0.9, description="Probability of a dropout at 90°, reached linearly in the angle."
+        default=0.9, description="Probability of a dropout at 90°, reached linearly in the angle."
     )
     dark_signal: float = Field(
-        0.06, ge=0.0, le=1.0, description="Reflectance × cosine below which samples drop out."
+        default=0.06,
+        ge=0.0,
+        le=1.0,
+        description="Reflectance × cosine below which samples drop out.",
     )
     dark_dropout: Probability = Field(
-        0.35, description="Probability of a dropout without signal, falling to 0 at dark_signal."
+        default=0.35,
+        description="Probability of a dropout without signal, falling to 0 at dark_signal.",
     )
     stray_probability: Probability = Field(
-        0.0002, description="Probability of a sample at a random range before the surface (dust)."
+        default=0.0002,
+        description="Probability of a sample at a random range before the surface (dust).",
     )
     reflectance_sigma: float = Field(
-        0.04, ge=0.0, le=1.0, description="Relative noise of the reflectance channel."
+        default=0.04, ge=0.0, le=1.0, description="Relative noise of the reflectance channel."
     )
     reflectance_floor_sigma: float = Field(
-        0.004, ge=0.0, le=1.0, description="Absolute noise of the reflectance channel."
+        default=0.004, ge=0.0, le=1.0, description="Absolute noise of the reflectance channel."
     )
-    min_range_m: float = Field(0.2, ge=0.0, description="Nearer surfaces give no sample.")
-    max_range_m: float = Field(4.0, gt=0.0, description="Farther surfaces give no sample.")
+    min_range_m: float = Field(default=0.2, ge=0.0, description="Nearer surfaces give no sample.")
+    max_range_m: float = Field(default=4.0, gt=0.0, description="Farther surfaces give no sample.")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -91,13 +123,19 @@ class StationOptions(BaseModel):
     model_config = _FROZEN
 
     standoff_m: float = Field(
-        1.65, gt=0.0, le=1000.0, description="Distance from the object's middle (building: walls)."
+        default=1.65,
+        gt=0.0,
+        le=1000.0,
+        description="Distance from the object's middle (building: walls).",
     )
     standoff_spread: float = Field(
-        0.06, ge=0.0, lt=0.9, description="Relative spread (uniform, ±) of that distance."
+        default=0.06, ge=0.0, lt=0.9, description="Relative spread (uniform, ±) of that distance."
     )
     aim_spread_m: float = Field(
-        0.03, ge=0.0, le=100.0, description="Spread (uniform, ±) of the point that is aimed at."
+        default=0.03,
+        ge=0.0,
+        le=100.0,
+        description="Spread (uniform, ±) of the point that is aimed at.",
     )
 
 
@@ -107,13 +145,19 @@ class CoarsePoseOptions(BaseModel):
     model_config = _FROZEN
 
     rotation_sigma_deg: float = Field(
-        1.0, ge=0.0, le=90.0, description="Standard deviation of each part of the rotation vector."
+        default=1.0,
+        ge=0.0,
+        le=90.0,
+        description="Standard deviation of each part of the rotation vector.",
     )
     translation_sigma_m: float = Field(
-        0.008, ge=0.0, le=1000.0, description="Standard deviation of each part of the shift."
+        default=0.008,
+        ge=0.0,
+        le=1000.0,
+        description="Standard deviation of each part of the shift.",
     )
     pivot: Literal["object", "scanner"] = Field(
-        "object",
+        default="object",
         description="The rotation error turns about the object's middle, as with picked points, "
         "or about the scanner, as with a compass.",
     )
@@ -127,22 +171,26 @@ class SimulationOptions(BaseModel):
 
     model_config = _FROZEN
 
-    scene: SceneName = Field("statue", description="What is scanned.")
+    scene: SceneName = Field(default="statue", description="What is scanned.")
     size: SizeName = Field(
-        "small", description="Sample spacing; for the statue about 4.5, 2 and 1 mm."
+        default="small", description="Sample spacing; for the statue about 4.5, 2 and 1 mm."
     )
-    seed: int = Field(0, ge=0, le=2**63 - 1, description="Same seed, same bytes.")
-    scans: int = Field(12, ge=1, le=999, description="Number of scans.")
+    seed: int = Field(default=0, ge=0, le=2**63 - 1, description="Same seed, same bytes.")
+    scans: int = Field(default=12, ge=1, le=999, description="Number of scans.")
     mesh_spacing_m: float = Field(
-        0.0045, gt=0.0, le=1.0, description="Lattice spacing of the carved true surface."
+        default=0.0045, gt=0.0, le=1.0, description="Lattice spacing of the carved true surface."
     )
     world_offset_m: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0), description="World coordinates of the scene's own origin."
+        default=(0.0, 0.0, 0.0), description="World coordinates of the scene's own origin."
     )
-    scanner: ScannerOptions = Field(ScannerOptions(), description="The scanner and its faults.")
-    stations: StationOptions = Field(StationOptions(), description="Where the scanner stands.")
+    scanner: ScannerOptions = Field(
+        default=ScannerOptions(), description="The scanner and its faults."
+    )
+    stations: StationOptions = Field(
+        default=StationOptions(), description="Where the scanner stands."
+    )
     coarse_poses: CoarsePoseOptions = Field(
-        CoarsePoseOptions(), description="Errors of the poses that the pipeline gets."
+        default=CoarsePoseOptions(), description="Errors of the poses that the pipeline gets."
     )
 
     @model_validator(mode="before")

@@ -60,7 +60,5 @@ def scene_defaults(scene: str, size: str) -> dict[str, Any]:
         "world_offset_m": UTM_OFFSET_M if scene == "building" else (0.0, 0.0, 0.0),
         "scanner": {"rows": rows, "cols": cols, **_SCANNER[scene]},
         "stations": dict(_STATIONS[scene]),
-        "coarse_poses": dict(
-            {} if scene == "statue" else _COARSE_POSES.get(scene, _DEGENERATE)
-        ),
+        "coarse_poses": dict({} if scene == "statue" else _COARSE_POSES.get(scene, _DEGENERATE)),
     }

@@ -65,8 +65,12 @@ class PrimitiveTable:
         table = np.array(self._rows).reshape(-1, solids.ROW_LENGTH)
         for group in Group:
             own = table[:, 1] == group
+            # Where a row still matters it lies within the blend radius k of the rest of its
+            # group. That rest swells by k/4 for every two rows that meet (three is ample),
+            # and its group by its own blend and the weathering.
+            swelling = 0.75 * float(table[own, 3].max(initial=0.0))
             blend = float(table[own, 3].max(initial=0.0))
-            table[own, solids.REACH_COLUMN] = max(blend, float(GROUP_BLEND_M.max()))
+            table[own, solids.REACH_COLUMN] = blend + swelling + GROUP_BLEND_M.max() + 0.006
         return table
 
     def cone(
@@ -128,9 +132,7 @@ class PrimitiveTable:
         operation: int = solids.UNION,
     ) -> None:
         """A box with rounded edges along the axes of the current frame."""
-        self._oriented(
-            solids.ROUNDED_BOX, group, center, half_sizes, edge_radius, blend, operation
-        )
+        self._oriented(solids.ROUNDED_BOX, group, center, half_sizes, edge_radius, blend, operation)
 
     def chain(
         self,

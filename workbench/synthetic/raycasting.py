@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,9 +46,9 @@ class RayCaster:
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
-        import open3d as o3d  # Costs seconds: only who casts rays pays.
-
-        self._o3d: Any = o3d
+        # Costs seconds: only who casts rays pays.
+        o3d: Any = importlib.import_module("open3d")
+        self._o3d = o3d
         self._middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
         self._triangles = mesh.triangles
         self._vertices = mesh.vertices - self._middle

@@ -147,9 +147,7 @@ def _measured(
         hits.distance.reshape(n, k), energy, options.mixed_step_min_m, options.mixed_step_max_m
     )
     pick = np.arange(n) * k + np.maximum(chosen, 0)
-    one = Hits(
-        hits.distance[pick], hits.triangle[pick], hits.barycentric[pick], hits.cosine[pick]
-    )
+    one = Hits(hits.distance[pick], hits.triangle[pick], hits.barycentric[pick], hits.cosine[pick])
     share = (np.isfinite(hits.distance.reshape(n, k)) * weight).sum(axis=1) / weight.sum()
     incidence = np.degrees(np.arccos(np.clip(one.cosine, 0.0, 1.0)))
     picked_signal = scene.reflectance_at(one) * one.cosine

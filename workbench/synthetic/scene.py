@@ -45,7 +45,10 @@ class Scene:
     @property
     def material(self) -> NDArray[np.uint8]:
         """Material of every vertex (n,)."""
-        return np.asarray(self.surface.vertex_attributes["material"], np.uint8)
+        material: NDArray[np.uint8] = np.asarray(
+            self.surface.vertex_attributes["material"], np.uint8
+        )
+        return material
 
     def reflectance_at(self, hits: Hits) -> NDArray[np.float64]:
         """Reflectance (n,) where rays hit, 0 for a miss."""
@@ -57,7 +60,8 @@ class Scene:
 
     def material_of(self, triangle: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Material (n,) of triangles (n,); meaningless for a miss."""
-        return self.material[self.surface.triangles[triangle, 0]]
+        material: NDArray[np.uint8] = self.material[self.surface.triangles[triangle, 0]]
+        return material
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the ray caster, which a worker process builds for itself."""

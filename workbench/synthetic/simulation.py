@@ -42,7 +42,8 @@ class SimulatedScan:
     ----------
     index : counts from 0.
     range_map : what the pipeline gets; its ``world_from_scan`` is the coarse pose.
-    world_from_scan : 4×4 float64 true pose.
+    local_from_scan : 4×4 float64 true pose in the frame of the scene's surface.
+    world_from_scan : 4×4 float64 true pose, shifted by the scene's origin.
     samples : the truth about every sample, in the order of the range map.
     object_mask : (rows, cols) uint8, 255 where a sample lies on the object, 0 for clutter,
         mixed pixels, stray points and holes.
@@ -50,6 +51,7 @@ class SimulatedScan:
 
     index: int
     range_map: RangeMap
+    local_from_scan: NDArray[np.float64]
     world_from_scan: NDArray[np.float64]
     samples: Samples
     object_mask: NDArray[np.uint8]
@@ -79,7 +81,7 @@ def build_scene(options: SimulationOptions) -> Scene:
 
 
 def scan_name(index: int) -> str:
-    """Name of a scan: ``scan_00``, ``scan_01``, …"""
+    """Name of a scan, ``scan_00`` for the first."""
     return f"scan_{index:02d}"
 
 
@@ -93,9 +95,7 @@ def simulate_scan(scene: Scene, options: SimulationOptions, index: int) -> Simul
     index : which scan, in [0, ``options.scans``).
     """
     pose = local_from_scan(scene, options, index, _stream(options.seed, _STATION_STREAM, index))
-    samples = scan_samples(
-        scene, pose, options.scanner, _stream(options.seed, _SCAN_STREAM, index)
-    )
+    samples = scan_samples(scene, pose, options.scanner, _stream(options.seed, _SCAN_STREAM, index))
     world_from_local = transforms.rigid(np.eye(3), scene.origin_in_world)
     coarse_in_local = coarse_pose(
         pose, scene.focus, options.coarse_poses, _stream(options.seed, _COARSE_STREAM, index)
@@ -114,7 +114,7 @@ def simulate_scan(scene: Scene, options: SimulationOptions, index: int) -> Simul
         reflectance=samples.reflectance,
         world_from_scan=world_from_local @ coarse_in_local,
     )
-    return SimulatedScan(index, range_map, world_from_local @ pose, samples, mask)
+    return SimulatedScan(index, range_map, pose, world_from_local @ pose, samples, mask)
 
 
 def simulate_scans(

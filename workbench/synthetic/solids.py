@@ -24,7 +24,7 @@ def prism(profile: ArrayLike, axis_start: float, axis_end: float) -> TriangleMes
     outline = np.asarray(profile, float)
     n = len(outline)
     near = np.stack([outline[:, 0], np.full(n, axis_start), outline[:, 1]], axis=1)
-    far = near + [0.0, axis_end - axis_start, 0.0]
+    far = near + np.array([0.0, axis_end - axis_start, 0.0])
     ring = np.arange(n)
     after = (ring + 1) % n
     sides = np.stack([ring, ring + n, after + n, after], axis=1)
@@ -118,7 +118,10 @@ def geodesic_sphere(center: ArrayLike, radius: float, subdivisions: int) -> Tria
         a, b, c = faces.T
         ab, bc, ca = middle.T
         faces = np.concatenate(
-            [np.stack(corner, axis=1) for corner in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
+            [
+                np.stack(corner, axis=1)
+                for corner in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))
+            ]
         )
     vertices = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
     return TriangleMesh(np.asarray(center, float) + radius * vertices, faces.astype(np.int32))
@@ -133,7 +136,7 @@ def height_field_slab(
     """A closed sheet of constant vertical thickness about heights (len(x), len(y))."""
     gx, gy = np.meshgrid(x, y, indexing="ij")
     top = np.stack([gx, gy, height + 0.5 * thickness], axis=-1).reshape(-1, 3)
-    bottom = top - [0.0, 0.0, thickness]
+    bottom = top - np.array([0.0, 0.0, thickness])
     n, m = height.shape
     index = np.arange(n * m).reshape(n, m)
     quads = np.stack(

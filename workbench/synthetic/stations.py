@@ -85,8 +85,8 @@ def _outdoors(
 
 
 def coarse_pose(
-    world_from_scan: NDArray[np.float64],
-    focus_in_world: NDArray[np.float64],
+    local_from_scan: NDArray[np.float64],
+    focus: NDArray[np.float64],
     options: CoarsePoseOptions,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
@@ -99,7 +99,6 @@ def coarse_pose(
     rotation = np.radians(options.rotation_sigma_deg) * rng.standard_normal(3)
     shift = options.translation_sigma_m * rng.standard_normal(3)
     error = transforms.from_twist(np.concatenate([rotation, np.zeros(3)]))[:3, :3]
-    pivot = focus_in_world if options.pivot == "object" else world_from_scan[:3, 3]
-    # Relative to the pivot: at UTM coordinates a rotated absolute position loses digits.
-    position = pivot + error @ (world_from_scan[:3, 3] - pivot) + shift
-    return transforms.rigid(error @ world_from_scan[:3, :3], position)
+    pivot = focus if options.pivot == "object" else local_from_scan[:3, 3]
+    position = pivot + error @ (local_from_scan[:3, 3] - pivot) + shift
+    return transforms.rigid(error @ local_from_scan[:3, :3], position)

@@ -80,9 +80,7 @@ def statue_mesh(rng: np.random.Generator, spacing_m: float) -> TriangleMesh:
     return mesh.with_attributes(reflectance=_patina(solid, mesh.vertices, spacing_m))
 
 
-def _patina(
-    solid: Solid, points: NDArray[np.float64], spacing_m: float
-) -> NDArray[np.float32]:
+def _patina(solid: Solid, points: NDArray[np.float64], spacing_m: float) -> NDArray[np.float32]:
     """Reflectance (n,) of weathered stone: clouds, rain streaks, dirt in the grooves."""
     groove = -solid.smooth_distances(points, spacing_m)
     value = 0.69 + 0.07 * noise_at(points, 0.22, solid.seed + 200)
@@ -129,8 +127,8 @@ def _add_damage(table: PrimitiveTable, rng: np.random.Generator) -> None:
     for x in (-1.0, 1.0):
         for y in (-0.145, 0.185):
             if rng.random() < 0.6:
-                center = np.array([0.205 * x, y, rng.uniform(0.0, 0.075)])
-                table.ball(Group.CUT, center + rng.normal(0, 0.008, 3), rng.uniform(0.016, 0.034))
+                corner = np.array([0.205 * x, y, rng.uniform(0.0, 0.075)])
+                table.ball(Group.CUT, corner + rng.normal(0, 0.008, 3), rng.uniform(0.016, 0.034))
     for _ in range(7):
         x = rng.uniform(-0.19, 0.19)
         edge = 0.185 if rng.random() < 0.6 else -0.145

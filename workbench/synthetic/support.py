@@ -36,7 +36,9 @@ def support_mesh(statue: TriangleMesh, rng: np.random.Generator) -> TriangleMesh
         parts.extend(_rod_with_pad(caster, start, target))
     return solids.collected(
         [
-            painted(part, SUPPORT, np.clip(shade + rng.normal(0, 0.004, len(part.vertices)), 0.05, 0.12))
+            painted(
+                part, SUPPORT, np.clip(shade + rng.normal(0, 0.004, len(part.vertices)), 0.05, 0.12)
+            )
             for part, shade in zip(parts, rng.uniform(0.055, 0.115, len(parts)), strict=True)
         ]
     )
@@ -89,7 +91,9 @@ def _base_clamps(caster: RayCaster) -> list[TriangleMesh]:
     """Blocks pressed against the four sides of the statue's own base, each with a screw."""
     parts = []
     for x, y in ((-0.1, 0.3), (0.12, 0.3), (-0.33, 0.0), (0.33, 0.03), (-0.08, -0.3), (0.1, -0.3)):
-        way = np.array([0.0, -np.sign(y), 0.0]) if abs(y) > 0.2 else np.array([-np.sign(x), 0.0, 0.0])
+        way = (
+            np.array([0.0, -np.sign(y), 0.0]) if abs(y) > 0.2 else np.array([-np.sign(x), 0.0, 0.0])
+        )
         origin = np.array([x, y, 0.035])
         contact = origin + float(caster.cast(origin, way[None]).distance[0]) * way
         across = np.abs(np.cross(way, [0.0, 0.0, 1.0])) * 0.022

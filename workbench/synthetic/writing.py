@@ -12,6 +12,7 @@ from PIL import Image
 
 from workbench.formats.poses import write_conf, write_scan_poses_json
 from workbench.formats.range_ply import write_range_ply
+from workbench.geometry import transforms
 from workbench.synthetic.options import SimulationOptions
 from workbench.synthetic.scene import Scene
 from workbench.synthetic.simulation import Progress, SimulatedScan, build_scene, simulate_scans
@@ -40,7 +41,8 @@ def write_simulation(
     * ``surface.npz``: ``vertices`` (n, 3) float64 local, ``triangles`` (m, 3) int32,
       ``material`` (n,) uint8 (0 object, 1 support), ``reflectance`` (n,) float32 and
       ``origin`` (3,) float64, so that world = local + origin;
-    * ``scan_poses.json``: true ``world_from_scan`` of every scan;
+    * ``scan_poses.json``: true pose of every scan relative to ``origin``, like the project's
+      own pose files;
     * ``masks/scan_NN.png``: 255 where the sample lies on the object, 0 elsewhere;
     * ``scans/scan_NN.npz``: one row per sample, in the order of the PLY: see `Samples`;
       ``true_points_in_local`` are hits in the frame of ``surface.npz``;
@@ -58,10 +60,10 @@ def write_simulation(
         name = scan.range_map.name
         write_range_ply(scans / f"{name}.ply", scan.range_map, float_type="float64")
         Image.fromarray(scan.object_mask).save(truth / "masks" / f"{name}.png")
-        _write_samples(truth / "scans" / f"{name}.npz", scan, scene)
+        _write_samples(truth / "scans" / f"{name}.npz", scan)
         assert scan.range_map.world_from_scan is not None
         coarse[f"{name}.ply"] = scan.range_map.world_from_scan
-        true[name] = scan.world_from_scan
+        true[name] = scan.local_from_scan
     write_conf(scans / "poses.conf", coarse)
     write_scan_poses_json(truth / "scan_poses.json", true, scene.origin_in_world)
     facts = {
@@ -98,17 +100,16 @@ def _write_surface(path: Path, scene: Scene) -> None:
     )
 
 
-def _write_samples(path: Path, scan: SimulatedScan, scene: Scene) -> None:
+def _write_samples(path: Path, scan: SimulatedScan) -> None:
     samples = scan.samples
-    # The pose relative to the local frame: at UTM coordinates digits would be lost.
-    rotation = scan.world_from_scan[:3, :3]
-    position = scan.world_from_scan[:3, 3] - scene.origin_in_world
     _write_arrays(
         path,
         {
             "pixel": samples.pixel,
             "material": samples.material,
-            "true_points_in_local": samples.true_points_in_scan @ rotation.T + position,
+            "true_points_in_local": transforms.apply(
+                scan.local_from_scan, samples.true_points_in_scan
+            ),
             "true_range_m": samples.true_range_m,
             "near_range_m": samples.near_range_m,
             "far_range_m": samples.far_range_m,

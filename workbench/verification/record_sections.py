@@ -38,8 +38,9 @@ def stage_metrics(records: Sequence[Record]) -> tuple[StageMetric, ...]:
 
 def run_section(records: Sequence[Record]) -> Section:
     """What ran, how long, with how much memory; what was left out and why."""
-    ran = [record for record in records if record["state"] != LEFT_OUT]
-    left_out = [record for record in records if record["state"] == LEFT_OUT]
+    # A record without a state is of the stage under way: the one that writes the report.
+    ran = [record for record in records if record.get("state", LEFT_OUT) != LEFT_OUT]
+    left_out = [record for record in records if record.get("state") == LEFT_OUT]
     blocks: list[Block] = []
     if ran:
         blocks.append(_cost_plot(ran))

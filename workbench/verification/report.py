@@ -1,15 +1,12 @@
-"""Writes a report: one self-contained page and the same numbers as JSON."""
+"""A report as one self-contained page."""
 
 from __future__ import annotations
 
 import base64
-import json
 import re
 from datetime import datetime
 from importlib import resources
-from pathlib import Path
 
-from workbench.formats.atomic import replacing
 from workbench.render.shading import png_bytes
 from workbench.verification.report_content import Picture, ReportContent
 
@@ -22,28 +19,12 @@ _MONTHS = [
 # fmt: on
 
 
-def write_report(folder: Path, content: ReportContent) -> None:
-    """Write ``report.html`` and ``report.json``.
-
-    The page holds all it shows — pictures, drawings, style — and asks nothing of a network
-    or a script, so that it can be kept with the model. The same content gives the same
-    bytes.
-
-    Parameters
-    ----------
-    folder
-        made if it does not exist.
-    content
-        what the report says.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    plain = json.dumps(content.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-    _write(folder / "report.json", plain + "\n")
-    _write(folder / "report.html", report_html(content))
-
-
 def report_html(content: ReportContent) -> str:
-    """The page as text."""
+    """The page as text.
+
+    It holds all it shows — pictures, drawings, style — and asks nothing of a network or a
+    script, so that it can be kept with the model. The same content gives the same bytes.
+    """
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -86,8 +67,3 @@ def _data_url(picture: Picture) -> str:
 
 def _slug(title: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")

@@ -1,0 +1,95 @@
+"""The surface in the formats other tools open, back in the user's own coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from workbench.errors import InputError
+from workbench.metrics import Metric
+from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
+from workbench.project.project import Scene
+from workbench.project.settings import StageOptions
+
+
+class ExportOptions(StageOptions):
+    """Options of ``export``."""
+
+    ply: bool = Field(True, description="Write exports/surface.ply with every attribute.")
+    obj: bool = Field(True, description="Write exports/surface.obj.")
+    glb: bool = Field(True, description="Write exports/surface.glb.")
+
+
+def needed(scene: Scene, options: ExportOptions) -> Need:
+    if not (options.ply or options.obj or options.glb):
+        return Need(False, "no format asked for")
+    if scene.scans or scene.geometry:
+        return Need(True, "a surface to hand on")
+    return Need(False, "no surface: neither scans nor geometry")
+
+
+def estimate(scene: Scene, options: ExportOptions) -> Estimate:
+    return Estimate(6 * scene.scan_bytes + 2**28, 6 * scene.scan_bytes + 2**24)
+
+
+def run(job: Job[ExportOptions]) -> StageResult:
+    from workbench.formats.surface_files import (
+        write_surface_glb,
+        write_surface_obj,
+        write_surface_ply,
+    )
+
+    products, options = job.products, job.options
+    mesh = products.load_if_there("surface")
+    inventory = products.load_if_there("scan_inventory")
+    origin = np.array(inventory["origin_m"]) if inventory else np.zeros(3)
+    if mesh is None:
+        mesh = _geometry(job)
+    moved = replace(mesh, vertices=mesh.vertices + origin)
+    with job.progress.step("writing exports"):
+        if options.ply:
+            with products.writing("surface_ply") as path:
+                write_surface_ply(path, moved)
+        if options.obj:
+            with products.writing("surface_obj") as path:
+                write_surface_obj(path, moved)
+        if options.glb:
+            with products.writing("surface_glb") as path:
+                write_surface_glb(path, mesh, world_from_local_origin=tuple(origin))
+    return StageResult(
+        (
+            Metric("formats", options.ply + options.obj + options.glb, "", "Files written."),
+            Metric("triangles", len(mesh.triangles), "", "Triangles in each."),
+        )
+    )
+
+
+def _geometry(job: Job[ExportOptions]) -> Any:
+    """The surface made elsewhere, nothing of it known to be measured here."""
+    from workbench.formats.surface_files import read_surface
+    from workbench.geometry.mesh import vertex_normals
+
+    paths = job.products.input_paths("geometry_file")
+    if not paths:
+        raise InputError("There is no surface to export", fix="run infill, or give --geometry")
+    mesh = read_surface(paths[0])
+    if "normal" not in mesh.vertex_attributes:
+        mesh = mesh.with_attributes(normal=vertex_normals(mesh))
+    return mesh
+
+
+EXPORT = Stage(
+    name="export",
+    version=1,
+    summary="PLY, OBJ and GLB with normals, colour and provenance, in the user's coordinates.",
+    options=ExportOptions,
+    reads=("surface", "scan_inventory", "geometry_file"),
+    writes=("surface_ply", "surface_obj", "surface_glb"),
+    needed=needed,
+    run=run,
+    libraries=("numpy",),
+    estimate=estimate,
+)

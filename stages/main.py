@@ -1,0 +1,32 @@
+"""The pipeline, in order, and the command line made from it."""
+
+from __future__ import annotations
+
+import sys
+
+from stages.export import EXPORT
+from stages.fuse import FUSE
+from stages.infill import INFILL
+from stages.ingest import INGEST
+from stages.register import REGISTER
+from stages.verify import VERIFY
+from workbench.cli import run_cli
+from workbench.pipeline.planner import Pipeline
+
+PIPELINE: Pipeline = (
+    INGEST,  # what was brought, checked and in metres
+    REGISTER,  # Jaspe 2018, 3.4.1: fine registration of the range maps
+    FUSE,  # Jaspe 2018, 3.4.4: one consolidated set of samples
+    INFILL,  # Jaspe 2018, 3.4.6: screened Poisson closes what no scan saw
+    EXPORT,
+    VERIFY,
+)
+
+
+def main() -> None:
+    """Entry point of ``workbench``."""
+    sys.exit(run_cli(PIPELINE))
+
+
+if __name__ == "__main__":
+    main()
