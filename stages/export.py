@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from workbench.errors import InputError
+from workbench.geometry.mesh import TriangleMesh
 from workbench.metrics import Metric
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.project import Scene
@@ -48,6 +49,7 @@ def run(job: Job[ExportOptions]) -> StageResult:
     origin = np.array(inventory["origin_m"]) if inventory else np.zeros(3)
     if mesh is None:
         mesh = _geometry(job)
+    mesh = _with_color(mesh)
     moved = replace(mesh, vertices=mesh.vertices + origin)
     with job.progress.step("writing exports"):
         if options.ply:
@@ -65,6 +67,18 @@ def run(job: Job[ExportOptions]) -> StageResult:
             Metric("triangles", len(mesh.triangles), "", "Triangles in each."),
         )
     )
+
+
+def _with_color(mesh: TriangleMesh) -> TriangleMesh:
+    """The mesh with the colour attributes every export carries; grey, and said to be none."""
+    from workbench.surface.provenance import UNCOLORED
+
+    n, has = len(mesh.vertices), mesh.vertex_attributes
+    if "color" not in has:
+        mesh = mesh.with_attributes(color=np.full((n, 3), 200, np.uint8))
+    if "color_provenance" not in has:
+        mesh = mesh.with_attributes(color_provenance=np.full(n, UNCOLORED, np.uint8))
+    return mesh
 
 
 def _geometry(job: Job[ExportOptions]) -> Any:

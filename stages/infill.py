@@ -28,6 +28,11 @@ class InfillOptions(StageOptions):
     samples_per_node: float = Field(
         1.5, ge=1.0, le=20.0, description="Samples per finest cell; more for noisy scans."
     )
+    refine_rounds: int = Field(
+        2, ge=0, le=10,
+        description="Moves of the vertices onto the samples' own surface; 2 halve the error of "
+        "the octree in a second (Shen et al. 2004).",
+    )
     reach_factor: float = Field(
         1.0, gt=0.0, le=20.0,
         description="A vertex within this many sample distances of a sample is measured.",
@@ -61,14 +66,20 @@ def estimate(scene: Scene, options: InfillOptions) -> Estimate:
 def run(job: Job[InfillOptions]) -> StageResult:
     from workbench.cloud.fusion import Samples
     from workbench.geometry.mesh import edge_census, face_normals_and_areas, vertex_normals
-    from workbench.surface.poisson import PoissonSettings, cell_size_m, depth_for_spacing, reconstruct
+    from workbench.surface.closing import closed_at_box
+    from workbench.surface.poisson import (
+        PoissonSettings,
+        cell_size_m,
+        depth_for_spacing,
+        reconstruct,
+    )
     from workbench.surface.provenance import (
-        UNCOLORED,
         area_by_provenance,
         near_samples,
         support_of,
         without_unmeasured_pieces,
     )
+    from workbench.surface.refinement import moved_onto_samples
 
     products, options = job.products, job.options
     arrays = products.load("samples")
@@ -81,8 +92,13 @@ def run(job: Job[InfillOptions]) -> StageResult:
     )
     with job.progress.step(f"screened Poisson at depth {depth}"):
         mesh = reconstruct(samples.points, samples.normals, settings)
-    warnings = []
+    cell = cell_size_m(samples.points, depth)
+    cut = not edge_census(mesh.triangles).watertight
+    if cut:
+        low, high = samples.points.min(axis=0) - cell, samples.points.max(axis=0) + cell
+        mesh = closed_at_box(mesh, low, high)
     with job.progress.step("measured or infilled"):
+        mesh = moved_onto_samples(mesh, samples, options.refine_rounds)
         mesh = mesh.with_attributes(normal=vertex_normals(mesh))
         support = support_of(
             mesh.vertices, mesh.vertex_attributes["normal"], samples, options.reach_factor
@@ -92,13 +108,15 @@ def run(job: Job[InfillOptions]) -> StageResult:
         mesh = mesh.with_attributes(
             provenance=support.provenance,
             distance_to_samples_m=support.distance_m,
-            color=np.full((len(mesh.vertices), 3), 200, np.uint8) if color is None else color,
-            color_provenance=np.full(len(mesh.vertices), UNCOLORED, np.uint8),
-        ).keep_triangles(keep)
+        )
+        if color is not None:
+            mesh = mesh.with_attributes(color=color)
+        mesh = mesh.keep_triangles(keep)
         if options.trim_distance_m is not None:
             distance = mesh.vertex_attributes["distance_to_samples_m"]
             mesh = mesh.keep_triangles(near_samples(mesh, distance, options.trim_distance_m))
     census = edge_census(mesh.triangles)
+    warnings = []
     if not census.watertight and options.trim_distance_m is None:
         warnings.append(
             f"the surface is not closed: {census.boundary_edges} open, "
@@ -109,7 +127,9 @@ def run(job: Job[InfillOptions]) -> StageResult:
     provenance = mesh.vertex_attributes["provenance"]
     metrics = (
         Metric("depth", depth, "", "Octree depth of the reconstruction."),
-        Metric("cell_size", cell_size_m(samples.points, depth), "m", "Edge of its finest cell."),
+        Metric("cell_size", cell, "m", "Edge of its finest cell."),
+        Metric("cut_at_box", cut, "",
+               "Whether the surface ran on beyond the samples' box and was cut and capped there."),
         Metric("vertices", len(mesh.vertices), "", "Vertices of the surface."),
         Metric("triangles", len(mesh.triangles), "", "Triangles of the surface."),
         Metric("watertight", census.watertight, "", "Whether every edge has exactly two faces.",

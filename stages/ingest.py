@@ -173,7 +173,12 @@ def _described(scan: RangeMap, shift: list[float], file: str, reading: Any) -> d
 def _result(scans: list[dict[str, Any]], origin: list[float]) -> StageResult:
     samples = sum(scan["samples"] for scan in scans)
     dropped = sum(scan["dropped_nonfinite"] for scan in scans)
-    warnings = [f"{scan['name']}: {note}" for scan in scans for note in scan["notes"]]
+    warnings = [
+        f"{scan['name']}: {note}"
+        for scan in scans
+        for note in scan["notes"]
+        if "from the pose file" not in note  # what the user asked for is no warning
+    ]
     for scan in scans:
         extent = max(scan["extent_m"])
         if not 1e-4 < extent < 1e5:

@@ -117,8 +117,9 @@ def _fit(
     fit = grid_planes(
         scan.points_in_scan, grid, settings.half_window, settings.step_factor * spacing
     )
-    # Across a step the fourth neighbour is on another surface and says nothing.
-    reach = np.clip(np.where(np.isfinite(fourth), fourth, spacing), spacing, 3.0 * spacing)
+    # The fourth neighbour may lie across a step, and a sample seen obliquely is stretched far
+    # along the sight: neither is evidence for the surface between.
+    reach = np.clip(np.where(np.isfinite(fourth), fourth, spacing), spacing, 1.5 * spacing)
     return (spacing, reach, *fit)
 
 

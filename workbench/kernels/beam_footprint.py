@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 def _footprint_echoes(
     ranges: NDArray[np.float64],
     energies: NDArray[np.float64],
+    slope_spreads: NDArray[np.float64],
     step_min: float,
     step_max: float,
     reported: NDArray[np.float64],
@@ -49,7 +50,9 @@ def _footprint_echoes(
             if ray == 0 or (strongest != 0 and energies[n, ray] > energies[n, strongest]):
                 strongest = ray
         chosen[n] = strongest
-        if widest > step_min and best_energy > 0.0:
+        # A single slanting surface spreads the ranges too, but mixes nothing.
+        spread = far[n] - near[n] - slope_spreads[n, strongest]
+        if widest > step_min and spread > step_min and best_energy > 0.0:
             mixed[n] = True
             reported[n] = weighted / best_energy
         else:
@@ -59,6 +62,7 @@ def _footprint_echoes(
 def footprint_echoes(
     ranges: NDArray[np.float64],
     energies: NDArray[np.float64],
+    slope_spreads: NDArray[np.float64],
     step_min: float,
     step_max: float,
 ) -> tuple[
@@ -75,7 +79,10 @@ def footprint_echoes(
     ranges : (n, k) float64 range of each sub-ray, infinite where it meets nothing; sub-ray 0
         is the beam's axis.
     energies : (n, k) float64 returned energy of each sub-ray, not negative.
-    step_min : a range step above this within one echo makes a mixed pixel, metres.
+    slope_spreads : (n, k) float64 how far the ranges would spread if the whole footprint lay
+        on the plane that the sub-ray meets, metres.
+    step_min : a range step above this within one echo, and a spread above what the slope
+        explains, make a mixed pixel, metres.
     step_max : a range step above this separates echoes; the strongest one counts, metres.
 
     Returns
@@ -91,5 +98,7 @@ def footprint_echoes(
     reported, near, far = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     chosen = np.full(n, -1, np.int64)
     mixed = np.zeros(n, bool)
-    _footprint_echoes(ranges, energies, step_min, step_max, reported, near, far, chosen, mixed)
+    _footprint_echoes(
+        ranges, energies, slope_spreads, step_min, step_max, reported, near, far, chosen, mixed
+    )
     return reported, near, far, chosen, mixed

@@ -16,6 +16,7 @@ from workbench.geometry.mesh import TriangleMesh
 MEASURED, INFILLED = 0, 1
 PHOTOGRAPHED, INPAINTED, UNCOLORED = 0, 1, 2
 _NEIGHBOURS = 6
+_LEAST_COSINE = 0.5
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,14 @@ def support_of(
     """Tell measured from infilled vertices.
 
     A vertex is measured where one of its closest samples lies within that sample's own
-    reach (``radius_m`` times ``reach_factor``) and faces the same way: the back of a thin
-    wall is not measured by samples of its front.
+    reach (``radius_m`` times ``reach_factor``) and faces within 60° of the same way: the
+    back of a thin wall, or the wall of a crevice, is not measured by samples of its front.
     """
     tree = cKDTree(samples.points)
     k = min(_NEIGHBOURS, len(samples))
     distance, index = tree.query(vertices, k=[*range(1, k + 1)], workers=-1)
     within = distance <= reach_factor * samples.radius_m[index]
-    facing = np.einsum("vi,vki->vk", normals, samples.normals[index]) > 0.0
+    facing = np.einsum("vi,vki->vk", normals, samples.normals[index]) > _LEAST_COSINE
     measured = (within & facing).any(axis=1)
     return Support(
         np.where(measured, MEASURED, INFILLED).astype(np.uint8), distance[:, 0], index[:, 0]

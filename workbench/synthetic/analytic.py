@@ -24,7 +24,7 @@ def plane_mesh() -> TriangleMesh:
 
 
 def sphere_mesh() -> TriangleMesh:
-    """A sphere about the origin: free to turn. Facets lie within 3 µm of the sphere."""
+    """A sphere about the origin: free to turn. Facets lie within 6 µm of the sphere."""
     return solids.geodesic_sphere((0.0, 0.0, 0.0), SPHERE_RADIUS_M, 7)
 
 

@@ -144,7 +144,11 @@ def _measured(
     signal = (scene.reflectance_at(hits) * hits.cosine).reshape(n, k)
     energy = signal * weight
     reported, near, far, chosen, mixed = footprint_echoes(
-        hits.distance.reshape(n, k), energy, options.mixed_step_min_m, options.mixed_step_max_m
+        hits.distance.reshape(n, k),
+        energy,
+        _slope_spread(hits, options).reshape(n, k),
+        options.mixed_step_min_m,
+        options.mixed_step_max_m,
     )
     pick = np.arange(n) * k + np.maximum(chosen, 0)
     one = Hits(hits.distance[pick], hits.triangle[pick], hits.barycentric[pick], hits.cosine[pick])
@@ -180,6 +184,13 @@ def _measured(
         is_mixed=mixed[kept],
         is_stray=stray[kept],
     )
+
+
+def _slope_spread(hits: Hits, options: ScannerOptions) -> NDArray[np.float64]:
+    """How far (n,) the ranges of one footprint spread on a plane as steep as each hit's."""
+    tangent = np.sqrt(np.maximum(1.0 - hits.cosine**2, 0.0)) / np.maximum(hits.cosine, 1e-3)
+    distance = np.where(np.isfinite(hits.distance), hits.distance, 0.0)
+    return options.beam_divergence_rad * tangent * distance
 
 
 def _footprints(

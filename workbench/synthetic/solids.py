@@ -145,9 +145,12 @@ def height_field_slab(
     rim = np.concatenate([index[:, 0], index[-1, 1:], index[-2::-1, -1], index[0, -2:0:-1]])
     after = np.roll(rim, -1)
     sides = np.stack([rim + n * m, after + n * m, after, rim], axis=1)
+    upper = _quads_to_triangles(quads)
+    # The same diagonals below as above keep the thickness constant.
+    lower = upper[:, ::-1] + n * m
     return TriangleMesh(
         np.concatenate([top, bottom]),
-        _quads_to_triangles(np.concatenate([quads, quads[:, ::-1] + n * m, sides])),
+        np.concatenate([upper, lower, _quads_to_triangles(sides)]).astype(np.int32),
     )
 
 
