@@ -23,7 +23,9 @@ class FuseOptions(StageOptions):
         2, ge=1, le=8, description="Half width of the window a normal is fitted in, grid cells."
     )
     step_factor: float = Field(
-        4.0, gt=1.0, le=50.0,
+        4.0,
+        gt=1.0,
+        le=50.0,
         description="Neighbours further apart than this many sample distances are across a step.",
     )
     min_neighbours: int = Field(
@@ -36,7 +38,9 @@ class FuseOptions(StageOptions):
         1, ge=0, le=10, description="Rings dropped along depth steps, where pixels are mixed."
     )
     thinning: float = Field(
-        0.5, ge=0.0, le=10.0,
+        0.5,
+        ge=0.0,
+        le=10.0,
         description="Samples within this many sample distances become one; 0 keeps all.",
     )
 

@@ -22,27 +22,36 @@ class InfillOptions(StageOptions):
         "one sample distance (Kazhdan and Hoppe 2013).",
     )
     point_weight: float = Field(
-        4.0, ge=0.0, le=100.0,
+        4.0,
+        ge=0.0,
+        le=100.0,
         description="Pull of the samples against smoothness (Kazhdan and Hoppe 2013: 4).",
     )
     samples_per_node: float = Field(
         1.5, ge=1.0, le=20.0, description="Samples per finest cell; more for noisy scans."
     )
     refine_rounds: int = Field(
-        2, ge=0, le=10,
+        2,
+        ge=0,
+        le=10,
         description="Moves of the vertices onto the samples' own surface; 2 halve the error of "
         "the octree in a second (Shen et al. 2004).",
     )
     reach_factor: float = Field(
-        1.0, gt=0.0, le=20.0,
+        1.0,
+        gt=0.0,
+        le=20.0,
         description="A vertex within this many sample distances of a sample is measured.",
     )
     trim_distance_m: float | None = Field(
-        None, gt=0.0,
+        None,
+        gt=0.0,
         description="Take away infilled surface further than this from any sample; opens it.",
     )
     threads: int = Field(
-        1, ge=1, le=64,
+        1,
+        ge=1,
+        le=64,
         description="Threads of the Poisson solver; more than one is faster and not reproducible.",
     )
 
@@ -64,8 +73,8 @@ def estimate(scene: Scene, options: InfillOptions) -> Estimate:
 
 
 def run(job: Job[InfillOptions]) -> StageResult:
-    from workbench.cloud.fusion import Samples
     from workbench.geometry.mesh import edge_census, face_normals_and_areas, vertex_normals
+    from workbench.geometry.samples import Samples
     from workbench.surface.closing import closed_at_box
     from workbench.surface.poisson import (
         PoissonSettings,

@@ -75,7 +75,7 @@ def run(job: Job[IngestOptions]) -> StageResult:
         raise InputError(
             "Some scans have no pose",
             found=", ".join(unplaced),
-            expected="a pose in the scan file, or a .conf, .aln or scan_poses.json beside the scans",
+            expected="a pose in the scan file or in a .conf, .aln or scan_poses.json beside it",
             fix="add the poses, or --set ingest.missing_pose=identity where the scans' own "
             "coordinates are already in one frame",
         )
@@ -182,17 +182,23 @@ def _result(scans: list[dict[str, Any]], origin: list[float]) -> StageResult:
     for scan in scans:
         extent = max(scan["extent_m"])
         if not 1e-4 < extent < 1e5:
-            warnings.append(
-                f"{scan['name']} is {extent:.3g} m large; is ingest.scan_unit right?"
-            )
+            warnings.append(f"{scan['name']} is {extent:.3g} m large; is ingest.scan_unit right?")
     metrics = (
         Metric("scans", len(scans), "", "Range maps taken in."),
         Metric("samples", samples, "", "Samples in all range maps."),
         Metric("samples_dropped", dropped, "", "Samples without finite coordinates, left out."),
-        Metric("scans_on_a_grid", sum(s["grid"] is not None for s in scans), "",
-               "Range maps that keep the scanner's own grid."),
-        Metric("origin_distance", float(np.linalg.norm(origin)), "m",
-               "Distance of the project origin from the world's."),
+        Metric(
+            "scans_on_a_grid",
+            sum(s["grid"] is not None for s in scans),
+            "",
+            "Range maps that keep the scanner's own grid.",
+        ),
+        Metric(
+            "origin_distance",
+            float(np.linalg.norm(origin)),
+            "m",
+            "Distance of the project origin from the world's.",
+        ),
     )
     return StageResult(metrics, tuple(warnings))
 

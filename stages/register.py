@@ -74,7 +74,8 @@ def run(job: Job[RegisterOptions]) -> StageResult:
     empty = [name for name, scan in zip(names, scans, strict=True) if len(scan) < 6]
     if empty:
         raise InputError(
-            "Some scans have no surface that can be trusted", found=", ".join(empty),
+            "Some scans have no surface that can be trusted",
+            found=", ".join(empty),
             fix="leave them out, or check ingest.scan_unit",
         )
     settings = AdjustmentSettings(
@@ -90,7 +91,8 @@ def run(job: Job[RegisterOptions]) -> StageResult:
         groups = _groups(names, found.graph.component)
         if not options.partial:
             raise InputError(
-                "Some scans overlap no other", found=groups,
+                "Some scans overlap no other",
+                found=groups,
                 fix="check their coarse poses, scan what lies between, "
                 "or --set register.partial=true",
             )
@@ -141,23 +143,50 @@ def _metrics(
         Metric("overlapping_pairs", len(found.graph.pairs), "", "Pairs adjusted to each other."),
         Metric("rounds", found.rounds, "", "Rounds of matching until nothing moved."),
         Metric("converged", found.converged, "", "Whether the poses came to rest."),
-        Metric("residual_given", found.sigma_given_m, "m",
-               "Robust standard deviation between overlapping scans at the given poses."),
-        Metric("residual_refined", found.sigma_m, "m",
-               "The same at the refined poses."),
+        Metric(
+            "residual_given",
+            found.sigma_given_m,
+            "m",
+            "Robust standard deviation between overlapping scans at the given poses.",
+        ),
+        Metric("residual_refined", found.sigma_m, "m", "The same at the refined poses."),
         Metric("gain", gain, "", "Share by which refinement lowers the residual."),
-        Metric("given_poses_kept", kept, "",
-               "True where the given poses already fit as well as the scans can tell."),
-        Metric("largest_rotation", max(rotation_angle_deg(m) for m in moved), "deg",
-               "Largest change of a scan's orientation."),
-        Metric("pose_sigma_translation", float(deviation[:, 3:].max()), "m",
-               "Largest standard deviation of a scan's place, from the normal matrix."),
-        Metric("pose_sigma_rotation", float(np.degrees(deviation[:, :3].max())), "deg",
-               "Largest standard deviation of a scan's orientation."),
-        Metric("condition", found.condition, "",
-               "Best over least seen motion; large where some motion is hardly held."),
-        Metric("unconstrained_motions", len(found.freedoms), "",
-               "Motions the scans cannot fix, kept as given."),
+        Metric(
+            "given_poses_kept",
+            kept,
+            "",
+            "True where the given poses already fit as well as the scans can tell.",
+        ),
+        Metric(
+            "largest_rotation",
+            max(rotation_angle_deg(m) for m in moved),
+            "deg",
+            "Largest change of a scan's orientation.",
+        ),
+        Metric(
+            "pose_sigma_translation",
+            float(deviation[:, 3:].max()),
+            "m",
+            "Largest standard deviation of a scan's place, from the normal matrix.",
+        ),
+        Metric(
+            "pose_sigma_rotation",
+            float(np.degrees(deviation[:, :3].max())),
+            "deg",
+            "Largest standard deviation of a scan's orientation.",
+        ),
+        Metric(
+            "condition",
+            found.condition,
+            "",
+            "Best over least seen motion; large where some motion is hardly held.",
+        ),
+        Metric(
+            "unconstrained_motions",
+            len(found.freedoms),
+            "",
+            "Motions the scans cannot fix, kept as given.",
+        ),
     )
 
 

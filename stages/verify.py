@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from workbench.errors import InputError
@@ -129,7 +130,10 @@ def _exported(job: Job[VerifyOptions]) -> tuple[list[Metric], list[str]]:
 def _registration(job: Job[VerifyOptions]) -> dict[str, Any]:
     """Residuals, overlap and samples per scan, as far as they are there."""
     products = job.products
-    registration, samples = products.load_if_there("registration"), products.load_if_there("samples")
+    registration, samples = (
+        products.load_if_there("registration"),
+        products.load_if_there("samples"),
+    )
     found: dict[str, Any] = {}
     names = list(products.items("oriented_scans"))
     if registration is not None and len(registration["before_m"]):
@@ -157,9 +161,10 @@ def _truth(
         # The truth's own local frame, brought around the project origin and then into place.
         model_from_local = poses.estimate_from_truth @ rigid(np.eye(3), arrays["origin"] - origin)
         truth = TriangleMesh(apply(model_from_local, arrays["vertices"]), arrays["triangles"])
-        seen = _seen(job, arrays["vertices"])
+        hits = apply(model_from_local, _true_hits(job))
+        reach = products.load("simulation")["nominal_sample_spacing_m"]
         compared = compare_to_truth(surface, truth, samples=job.options.samples)
-        flagged = infill_flagging(surface, truth, seen, samples=job.options.samples)
+        flagged = infill_flagging(surface, truth, hits, reach, samples=job.options.samples)
         return truth, "simulated truth", poses.metrics() + compared.metrics() + flagged.metrics()
     paths = products.input_paths("reference_file")
     if not paths:
@@ -185,16 +190,13 @@ def _compared_poses(job: Job[VerifyOptions], inventory: Mapping[str, Any]) -> An
     return compare_poses(estimate, {n: truth[n] for n in estimate}, centres, extent)
 
 
-def _seen(job: Job[VerifyOptions], vertices: np.ndarray[Any, np.dtype[np.float64]]) -> Any:
-    """(vertices,) bool: a noise-free hit of some scan lies within one sample distance."""
-    from workbench.verification.gauge import near_hits
-
+def _true_hits(job: Job[VerifyOptions]) -> NDArray[np.float64]:
+    """(k, 3) places in the truth's own frame that some beam met squarely."""
     hits = []
     for item in job.products.items("truth_samples"):
         arrays = job.products.load("truth_samples", item)
         hits.append(arrays["true_points_in_local"][~(arrays["is_mixed"] | arrays["is_stray"])])
-    spacing = job.products.load("simulation")["nominal_sample_spacing_m"]
-    return near_hits(vertices, np.concatenate(hits), 1.5 * spacing)
+    return np.concatenate(hits)
 
 
 VERIFY = Stage[Any](

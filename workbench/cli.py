@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
-import json
 import sys
-import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from workbench import doctor as doctor_module
-from workbench.errors import WorkbenchError
-from workbench.pipeline.freshness import state_of
+from workbench.console import (
+    INTERRUPTED,
+    Answer,
+    answer_alone_on_stdout,
+    give_failure,
+    table,
+    told,
+)
+from workbench.errors import InputError
+from workbench.formats.atomic import replacing
 from workbench.pipeline.planner import Pipeline, make_plan
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.reference import option_rows, with_generated_blocks
 from workbench.pipeline.runner import RunRequest, run_pipeline
 from workbench.pipeline.stage import Stage
-from workbench.project.project import Project, create_project
-from workbench.project.settings import StageSettings, merged, parse_override, presets
+from workbench.project.creation import create_project
+from workbench.project.project import Project
+from workbench.project.settings import (
+    StageSettings,
+    merged,
+    parse_assignment,
+    presets,
+    suggestion,
+)
 
 ProjectArgument = Annotated[Path, typer.Argument(help="The project folder.", show_default=False)]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
@@ -59,35 +70,27 @@ def build_cli(pipeline: Pipeline) -> typer.Typer:
 
 
 def run_cli(pipeline: Pipeline, arguments: Sequence[str] | None = None) -> int:
-    """Parse, run and report; returns the exit code (0, 1, 2 or 3).
+    """Parse, run and report; returns the exit code (0, 1, 2 or 3, and 130 when interrupted).
 
     Every failure is one message on standard error; with ``--json`` standard output holds
     ``{"error": …}`` as well.
     """
     given = _expanded(list(sys.argv[1:] if arguments is None else arguments))
+    as_json = "--json" in given
     try:
-        build_cli(pipeline)(args=given, prog_name="workbench", standalone_mode=True)
-    except SystemExit as exit_request:
-        code = exit_request.code
-        return code if isinstance(code, int) else int(code is not None)
-    except WorkbenchError as error:
-        return _failed(error, given)
-    except (ImportError, OSError) as error:
-        known = doctor_module.missing_part(error)
-        if known is not None:
-            return _failed(known, given)
-        traceback.print_exc()
-        return _failed(WorkbenchError(f"{type(error).__name__}: {error}"), given)
-    except Exception as error:  # noqa: BLE001  the last line of defence: tell, then exit 1
-        traceback.print_exc()
-        return _failed(
-            WorkbenchError(
-                f"{type(error).__name__}: {error}",
-                fix="this is a fault of the workbench; please report it with the lines above",
-            ),
-            given,
-        )
-    return 0
+        with answer_alone_on_stdout(as_json):
+            answer = build_cli(pipeline)(args=given, prog_name="workbench", standalone_mode=False)
+        if isinstance(answer, Answer):
+            return answer.give(as_json)
+        # An exit code: 0 after --help, or the parser's word for an interruption.
+        return give_failure(INTERRUPTED, as_json) if answer == INTERRUPTED.exit_code else 0
+    except (KeyboardInterrupt, typer.Abort) as error:
+        # The parser takes the end of a file, a stage's too, for an interruption.
+        cause = error.__cause__
+        failure = told(cause) if isinstance(cause, EOFError) else INTERRUPTED
+        return give_failure(failure, as_json)
+    except Exception as error:
+        return give_failure(told(error), as_json)
 
 
 def _add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
@@ -104,7 +107,7 @@ def _add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         preset: Annotated[str, typer.Option(help=", ".join(presets()))] = "default",
         copy: Annotated[bool, typer.Option("--copy", help="Copy the inputs.")] = False,
         as_json: JsonOption = False,
-    ) -> None:
+    ) -> Answer:
         """Make a project folder that refers to inputs where they lie."""
         made = create_project(
             project,
@@ -117,9 +120,8 @@ def _add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
             copy=copy,
         )
         scene = made.scene()
-        _print(
+        return Answer(
             {"project": str(project), "scans": scene.scans, "photos": scene.photos},
-            as_json,
             f"{project}: {scene.scans} scan files, {scene.photos} photographs. "
             f"Next: workbench plan {project}",
         )
@@ -127,12 +129,12 @@ def _add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
     @app.command(rich_help_panel="Project")
     def plan(
         project: ProjectArgument, settings: SetOption = None, as_json: JsonOption = False
-    ) -> None:
+    ) -> Answer:
         """Every stage: run, fresh, stale or left out, and why."""
         opened = Project(project)
         rows = [p.as_dict() for p in make_plan(pipeline, opened, _overrides(settings))]
         opened.hashes.save()
-        _print({"stages": rows}, as_json, _table(("stage", "action", "why"), rows))
+        return Answer({"stages": rows}, table(("stage", "action", "why"), rows))
 
     @app.command(rich_help_panel="Project")
     def run(
@@ -145,7 +147,7 @@ def _add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         workers: WorkersOption = None,
         cluster: ClusterOption = None,
         as_json: JsonOption = False,
-    ) -> None:
+    ) -> Answer:
         """Run what is needed; what is finished and unchanged stays."""
         request = RunRequest(
             first=first,
@@ -156,21 +158,20 @@ def _add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
             workers=workers,
             cluster=cluster,
         )
-        _run_and_print(pipeline, project, request, as_json)
+        return _run(pipeline, project, request)
 
     @app.command(rich_help_panel="Project")
-    def status(project: ProjectArgument, as_json: JsonOption = False) -> None:
+    def status(project: ProjectArgument, as_json: JsonOption = False) -> Answer:
         """The state of each stage, with the reason."""
         opened = Project(project)
         rows = []
         for planned in make_plan(pipeline, opened):
-            state, reason = "left out", planned.reason
-            if planned.action != "left out":
-                found = state_of(opened, planned.stage, planned.options, planned.absent)
-                state, reason = found.state, found.reason
+            state, reason = planned.action, planned.reason
+            if planned.state is not None:
+                state, reason = planned.state.state, planned.state.reason
             rows.append({"name": planned.stage.name, "state": state, "reason": reason})
         opened.hashes.save()
-        _print({"stages": rows}, as_json, _table(("stage", "state", "why"), rows))
+        return Answer({"stages": rows}, table(("stage", "state", "why"), rows))
 
 
 def _add_tool_commands(app: typer.Typer, pipeline: Pipeline) -> None:
@@ -183,10 +184,10 @@ def _add_tool_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         size: Annotated[str, typer.Option(help="small, medium or large.")] = "small",
         preset: Annotated[str | None, typer.Option(help="Preset of the project.")] = None,
         settings: Annotated[
-            list[str] | None, typer.Option("--set", metavar="OPTION=VALUE", help="See below.")
+            list[str] | None, typer.Option("--set", metavar="OPTION=VALUE", help="Such as scans=5.")
         ] = None,
         as_json: JsonOption = False,
-    ) -> None:
+    ) -> Answer:
         """A project whose truth is known: scans, coarse poses and ``truth/``."""
         from workbench.project.simulated import simulate_project
 
@@ -198,14 +199,13 @@ def _add_tool_commands(app: typer.Typer, pipeline: Pipeline) -> None:
             progress=Progress(),
         )
         found = made.scene()
-        _print(
+        return Answer(
             {"project": str(out), "truth": str(out / "truth"), "scans": found.scans},
-            as_json,
             f"{out}: {found.scans} simulated scans. Next: workbench run {out}",
         )
 
     @app.command(rich_help_panel="Tools")
-    def doctor(as_json: JsonOption = False) -> None:
+    def doctor(as_json: JsonOption = False) -> Answer:
         """What is installed, what is missing, and the line that installs it."""
         found = doctor_module.report()
         rows = [
@@ -213,9 +213,7 @@ def _add_tool_commands(app: typer.Typer, pipeline: Pipeline) -> None:
             | ({"reason": f"{p['version']}: {p['fix']}"} if p["fix"] else {})
             for p in found["parts"]
         ]
-        _print(found, as_json, _table(("part", "state", "version"), rows))
-        if not found["ok"]:
-            raise typer.Exit(3)
+        return Answer(found, table(("part", "state", "version"), rows), 0 if found["ok"] else 3)
 
     @app.command(rich_help_panel="Tools")
     def options(
@@ -224,21 +222,38 @@ def _add_tool_commands(app: typer.Typer, pipeline: Pipeline) -> None:
             Path | None, typer.Option(help="Rewrite the generated tables of this file.")
         ] = None,
         as_json: JsonOption = False,
-    ) -> None:
+    ) -> Answer:
         """Every option with its default, its bounds and its source."""
+        names = [s.name for s in pipeline]
+        if stage is not None and stage not in names:
+            raise InputError(
+                f"There is no stage {stage!r}",
+                expected=", ".join(names),
+                fix=suggestion(stage, names) or "choose one of the expected names",
+            )
         if readme is not None:
-            text = readme.read_text(encoding="utf-8")
-            readme.write_text(with_generated_blocks(text, pipeline), encoding="utf-8")
+            _rewrite(readme, pipeline)
         rows = [
             {"name": f"{s.name}.{name}", "default": default, "allowed": allowed, "meaning": meaning}
             for s in pipeline
             if stage in (None, s.name)
             for name, default, allowed, meaning in option_rows(s.options)
         ]
-        _print({"options": rows}, as_json, _table(("option", "default", "allowed", "meaning"), rows))
+        return Answer({"options": rows}, table(("option", "default", "allowed", "meaning"), rows))
 
 
-def _stage_command(pipeline: Pipeline, stage: Stage[Any]) -> Callable[..., None]:
+def _rewrite(readme: Path, pipeline: Pipeline) -> None:
+    try:
+        text = with_generated_blocks(readme.read_text(encoding="utf-8"), pipeline)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            "The file cannot be read", file=readme, found=str(error), fix="check the path"
+        ) from error
+    with replacing(readme) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _stage_command(pipeline: Pipeline, stage: Stage[Any]) -> Callable[..., Answer]:
     def command(
         project: ProjectArgument,
         force: ForceOption = False,
@@ -246,7 +261,7 @@ def _stage_command(pipeline: Pipeline, stage: Stage[Any]) -> Callable[..., None]
         workers: WorkersOption = None,
         cluster: ClusterOption = None,
         as_json: JsonOption = False,
-    ) -> None:
+    ) -> Answer:
         request = RunRequest(
             target=stage.name,
             force=force,
@@ -255,18 +270,17 @@ def _stage_command(pipeline: Pipeline, stage: Stage[Any]) -> Callable[..., None]
             cluster=cluster,
         )
         extra = _report_keys if stage.name == "verify" else None
-        _run_and_print(pipeline, project, request, as_json, extra)
+        return _run(pipeline, project, request, extra)
 
     return command
 
 
-def _run_and_print(
+def _run(
     pipeline: Pipeline,
     folder: Path,
     request: RunRequest,
-    as_json: bool,
-    extra: Callable[[Project], dict[str, Any]] | None = None,
-) -> None:
+    extra: Callable[[Project, list[str]], dict[str, Any]] | None = None,
+) -> Answer:
     project = Project(folder)
     stages = run_pipeline(pipeline, project, request, Progress())
     shown = [s for s in stages if s["action"] == "run"]
@@ -275,25 +289,29 @@ def _run_and_print(
         if shown
         else "nothing to do: every stage is fresh or left out"
     )
-    more = extra(project) if extra else {}
+    plan = make_plan(pipeline, project, request.overrides) if extra else []
+    needed = [p.stage.name for p in plan if p.action != "left out"]
+    more = extra(project, needed) if extra else {}
     report = project.store.path("report_html")
     if report.exists():
         summary += f"\nreport: {report}"
-    _print({"stages": stages} | more, as_json, summary)
+    return Answer({"stages": stages} | more, summary)
 
 
-def _report_keys(project: Project) -> dict[str, Any]:
-    """What ``verify --json`` adds: where the report is and every stage's metrics."""
+def _report_keys(project: Project, needed: list[str]) -> dict[str, Any]:
+    """What ``verify --json`` adds: where the report is and the metrics of the needed stages."""
     metrics = []
-    for name in project.store.items("records"):
+    there = project.store.items("records")
+    for name in needed:
+        if name not in there:
+            continue
         for metric in project.store.load("records", name).get("metrics", []):
             metrics.append({"stage": name, **metric})
     return {"report": str(project.store.path("report_html")), "metrics": metrics}
 
 
 def _overrides(settings: Sequence[str] | None) -> StageSettings:
-    parsed = (parse_override(text) for text in settings or ())
-    return merged({stage: {option: value}} for stage, option, value in parsed)
+    return merged(parse_assignment(text) for text in settings or ())
 
 
 def _expanded(arguments: list[str]) -> list[str]:
@@ -303,31 +321,9 @@ def _expanded(arguments: list[str]) -> list[str]:
     names, expanded, current = _MULTIPLE[arguments[0]], [], None
     for index, argument in enumerate(arguments):
         if argument.startswith("-"):
-            current = argument if argument in names else None
+            name = argument.partition("=")[0]
+            current = name if name in names else None
         elif current is not None and arguments[index - 1] != current:
             expanded.append(current)
         expanded.append(argument)
     return expanded
-
-
-def _print(value: dict[str, Any], as_json: bool, text: str | Table) -> None:
-    if as_json:
-        print(json.dumps(value, allow_nan=False))
-    else:
-        Console(soft_wrap=isinstance(text, str), highlight=False, markup=False).print(text)
-
-
-def _table(columns: Sequence[str], rows: Sequence[dict[str, str]]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in columns:
-        table.add_column(column, overflow="fold")
-    for row in rows:
-        table.add_row(*(str(value) for value in row.values()))
-    return table
-
-
-def _failed(error: WorkbenchError, arguments: Sequence[str]) -> int:
-    print(f"error: {error}", file=sys.stderr)
-    if "--json" in arguments:
-        print(json.dumps({"error": error.as_dict()}))
-    return error.exit_code

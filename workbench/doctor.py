@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -48,9 +48,24 @@ _MODULES = (
     ("trimesh", "trimesh", "OBJ, GLB and STL surfaces"),
 )
 
+# Python alone: where they are installed, they import.
+_LISTED = (
+    ("pydantic", "settings"),
+    ("typer", "the command line"),
+    ("rich", "tables"),
+    ("dask", "several workers"),
+    ("threadpoolctl", "the same result on any number of cores"),
+    ("filelock", "one run at a time"),
+    ("psutil", "memory and processes"),
+    ("jinja2", "the report"),
+    ("pillow", "pictures"),
+)
+# An import that takes longer hangs.
+_IMPORT_SECONDS = 120.0
+
 
 def installed_parts() -> list[Part]:
-    """Try to import every part, each in a process of its own, for a broken one may crash."""
+    """Import every part that can break, each in a process of its own, for it may crash."""
     parts = [Part("python", "everything", sys.version_info >= (3, 11), sys.version.split()[0], "")]
     script = "import sys, importlib; importlib.import_module(sys.argv[1])"
     running = [
@@ -66,15 +81,23 @@ def installed_parts() -> list[Part]:
         for entry in _MODULES
     ]
     for (_, distribution, purpose), process in running:
-        trouble = process.communicate()[1]
         try:
-            found = version(distribution)
-        except PackageNotFoundError:
-            parts.append(Part(distribution, purpose, False, "not installed", PIP_LINE))
-            continue
-        fix = "" if process.returncode == 0 else system_fix(trouble) or PIP_LINE
-        parts.append(Part(distribution, purpose, process.returncode == 0, found, fix))
-    return parts
+            trouble = process.communicate(timeout=_IMPORT_SECONDS)[1]
+        except subprocess.TimeoutExpired:
+            process.kill()
+            trouble = process.communicate()[1]
+        part = _installed(distribution, purpose)
+        if part.ok and process.returncode != 0:
+            part = replace(part, ok=False, fix=system_fix(trouble) or PIP_LINE)
+        parts.append(part)
+    return parts + [_installed(distribution, purpose) for distribution, purpose in _LISTED]
+
+
+def _installed(distribution: str, purpose: str) -> Part:
+    try:
+        return Part(distribution, purpose, True, version(distribution), "")
+    except PackageNotFoundError:
+        return Part(distribution, purpose, False, "not installed", PIP_LINE)
 
 
 def report() -> dict[str, Any]:
@@ -94,6 +117,8 @@ def system_fix(trouble: str) -> str | None:
 def missing_part(error: ImportError | OSError) -> MissingPartError | None:
     """An import failure as the error the user can act on; None when it is another trouble."""
     if isinstance(error, ModuleNotFoundError) and error.name:
+        if error.name.partition(".")[0] in ("workbench", "stages", "configs"):
+            return None  # a module of ours that is not there is our own fault
         return MissingPartError(f"The Python package {error.name!r} is not installed", fix=PIP_LINE)
     fix = system_fix(str(error))
     return MissingPartError(str(error), fix=fix) if fix else None

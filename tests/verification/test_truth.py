@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
 from workbench.verification.truth import compare_to_truth, infill_flagging
 
@@ -100,9 +99,9 @@ def test_metrics_have_unique_names_and_the_numbers_of_the_result():
 def test_flags_are_weighed_against_what_was_seen():
     truth = plane(0.0, cells=40)
     x = truth.vertices[:, 0]
-    seen = x < 0.2  # 70 % of the area
+    hits = truth.vertices[x < 0.2]  # 70 % of the area
     surface = truth.with_attributes(provenance=(x > 0.3).astype(np.uint8))  # flags 20 %
-    flags = infill_flagging(surface, truth, seen, samples=40_000)
+    flags = infill_flagging(surface, truth, hits, 0.02, samples=40_000)
     # Vertices own half a cell (0.0125) beyond them.
     assert flags.infilled_unseen == pytest.approx(0.2, abs=0.015)
     assert flags.measured_unseen == pytest.approx(0.1, abs=0.015)
@@ -115,11 +114,6 @@ def test_flags_are_weighed_against_what_was_seen():
 
 def test_a_surface_without_provenance_claims_all_was_measured():
     truth = plane(0.0)
-    flags = infill_flagging(truth, truth, np.zeros(len(truth.vertices), bool), samples=200)
+    flags = infill_flagging(truth, truth, np.zeros((0, 3)), 0.02, samples=200)
     assert flags.measured_unseen == 1
     assert flags.recall == 0
-
-
-def test_seen_must_fit_the_truth():
-    with pytest.raises(InputError, match="every vertex"):
-        infill_flagging(plane(0), plane(0), np.ones(3, bool))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,9 @@ class TriangleMesh:
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int32]
-    vertex_attributes: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
+    vertex_attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
-    def with_attributes(self, **attributes: NDArray[np.generic]) -> TriangleMesh:
+    def with_attributes(self, **attributes: NDArray[Any]) -> TriangleMesh:
         """The same mesh with further (or replaced) vertex attributes."""
         return TriangleMesh(self.vertices, self.triangles, {**self.vertex_attributes, **attributes})
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from workbench.geometry.neighbours import k_nearest
 from workbench.geometry.rangemap import RangeMap
 from workbench.kernels.plane_fit import grid_planes, grid_spacing
 
@@ -149,7 +150,7 @@ def _orient_cloud(scan: RangeMap, settings: OrientationSettings) -> OrientedScan
         return OrientedScan(
             points[none], points[none], *(np.zeros(0),) * 4, np.zeros(0, bool), none
         )
-    distance, neighbour = cKDTree(points).query(points, k=k + 1, workers=-1)
+    distance, neighbour = k_nearest(cKDTree(points), points, k + 1)
     offsets = points[neighbour] - points[:, None]
     centred = offsets - offsets.mean(axis=1, keepdims=True)
     covariance = np.einsum("nki,nkj->nij", centred, centred) / (k + 1)
@@ -191,9 +192,7 @@ def _towards_viewpoint(
     return np.where(cosine[:, None] < 0, -normals, normals), np.abs(cosine)
 
 
-def _consistent(
-    points: NDArray[np.float64], normals: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _consistent(points: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:
     """Normals made consistent with each other where nobody knows where the scanner stood."""
     import open3d as o3d
 

@@ -1,1 +1,1 @@
-"""Pure-array kernels: no I/O, no logging, deterministic; each is tested against a plain reference."""
+"""Pure-array kernels: no I/O, deterministic, each tested against a plain reference."""

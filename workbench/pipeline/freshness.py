@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from workbench.pipeline.records import RecordFolder, library_versions
@@ -30,6 +33,7 @@ def fingerprint(
     """
     return {
         "version": stage.version,
+        "schemas": {name: ARTEFACTS[name].schema for name in stage.reads + stage.writes},
         "options": options.result_options(),
         "libraries": library_versions(stage.libraries),
         "inputs": {
@@ -41,15 +45,29 @@ def fingerprint(
 
 def settings_hash(stage: Stage[Any], options: StageOptions) -> str:
     """The part of the fingerprint that is the same for all items of the stage."""
-    return hash_of_value(
-        [stage.version, options.result_options(), library_versions(stage.libraries)]
-    )
+    schemas = [[name, ARTEFACTS[name].schema] for name in stage.reads + stage.writes]
+    libraries = library_versions(stage.libraries)
+    return hash_of_value([stage.version, schemas, options.result_options(), libraries])
 
 
 def output_hashes(project: Project, stage: Stage[Any]) -> dict[str, str]:
     """Artefact → hash of every product that is there."""
     found = {name: project.store.paths(name) for name in stage.writes}
     return {name: project.hashes.of_files(paths) for name, paths in found.items() if paths}
+
+
+def file_entries(project: Project, names: Iterable[str]) -> list[dict[str, Any]]:
+    """Every file behind some artefacts with its hash and size, for the record."""
+    return [
+        {
+            "artefact": name,
+            "path": os.path.relpath(path, project.root),
+            "hash": project.hashes.of_file(path),
+            "bytes": path.stat().st_size,
+        }
+        for name in names
+        for path in _files(project, name)
+    ]
 
 
 def state_of(
@@ -74,36 +92,62 @@ def state_of(
             return State("stale", f"missing output: {ARTEFACTS[name].description}")
         if outputs[name] != content:
             return State("stale", f"output changed since: {ARTEFACTS[name].description}")
-    reason = _difference(record.get("fingerprint", {}), fingerprint(project, stage, options, absent))
+    reason = _difference(project, record, fingerprint(project, stage, options, absent))
     return State("stale", reason) if reason else State("fresh", f"done {record.get('ended')}")
 
 
+def _files(project: Project, name: str) -> tuple[Path, ...]:
+    brought = ARTEFACTS[name].format == "input"
+    return project.input_paths(name) if brought else project.store.paths(name)
+
+
 def _input_hash(project: Project, stage: Stage[Any], name: str) -> str:
-    artefact = ARTEFACTS[name]
-    if artefact.format == "input":
-        return project.hashes.of_files(project.input_paths(name))
     if name == "records":
         # What every other stage did: item name matters, for all files have one name.
         others = [item for item in project.store.items(name) if item != stage.name]
         paths = [project.store.path(name, item) for item in others]
-        return hash_of_value([[i, project.hashes.of_file(p)] for i, p in zip(others, paths)])
-    return project.hashes.of_files(project.store.paths(name))
+        hashes = [project.hashes.of_file(path) for path in paths]
+        return hash_of_value(list(zip(others, hashes, strict=True)))
+    return project.hashes.of_files(_files(project, name))
 
 
-def _difference(before: dict[str, Any], now: dict[str, Any]) -> str | None:
-    """What changed between two fingerprints, in words; None when nothing did."""
+def _difference(project: Project, record: dict[str, Any], now: dict[str, Any]) -> str | None:
+    """What changed between a record and a fingerprint, in words; None when nothing did."""
+    before = record.get("fingerprint", {})
     if before.get("version") != now["version"]:
         return f"code changed: version {before.get('version')} to {now['version']}"
-    old_options = before.get("options", {})
-    for name, value in now["options"].items():
-        if name not in old_options or old_options[name] != value:
-            return f"options changed: {name} from {old_options.get(name, 'unset')} to {value}"
-    if set(old_options) != set(now["options"]):
-        return "options changed"
-    for name, value in now["libraries"].items():
-        if before.get("libraries", {}).get(name) != value:
-            return f"library changed: {name} is now {value}"
-    for name, value in now["inputs"].items():
-        if before.get("inputs", {}).get(name) != value:
-            return f"input changed: {ARTEFACTS[name].description}"
-    return None if set(before.get("inputs", {})) == set(now["inputs"]) else "inputs changed"
+    if before.get("schemas") != now["schemas"]:
+        return "code changed: another form of what is stored"
+    for name, (old, new) in _changes(before.get("options", {}), now["options"]):
+        return f"options changed: {name} from {old} to {new}"
+    for name, (old, new) in _changes(before.get("libraries", {}), now["libraries"]):
+        return f"library changed: {name} from {old} to {new}"
+    for name, (_, new) in _changes(before.get("inputs", {}), now["inputs"]):
+        if name not in now["inputs"]:
+            return f"input changed: {name} is no longer read"
+        if new == "left out":
+            return f"input changed: {ARTEFACTS[name].description} (now left out)"
+        return f"input changed: {ARTEFACTS[name].description}{_which(project, record, name)}"
+    return None
+
+
+def _changes(before: dict[str, Any], now: dict[str, Any]) -> list[tuple[str, tuple[Any, Any]]]:
+    names = dict.fromkeys((*now, *before))
+    pairs = {name: (before.get(name, "unset"), now.get(name, "unset")) for name in names}
+    return [(name, pair) for name, pair in pairs.items() if pair[0] != pair[1]]
+
+
+def _which(project: Project, record: dict[str, Any], name: str) -> str:
+    """The first file that is new, gone or another than the record says, in brackets."""
+    if name == "records":
+        return ""
+    found = {
+        entry["path"]: entry["hash"]
+        for entry in record.get("inputs", [])
+        if entry["artefact"] == name
+    }
+    now = {entry["path"]: entry["hash"] for entry in file_entries(project, [name])}
+    for path, (old, new) in _changes(found, now):
+        what = "is new" if old == "unset" else "is gone" if new == "unset" else "changed"
+        return f" ({Path(path).name} {what})"
+    return ""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 import time
 from types import TracebackType
 
-import psutil
+import psutil  # type: ignore[import-untyped]
 
 _SECONDS_BETWEEN_SAMPLES = 0.05
+# Looking for children reads the state of every process of the machine.
+_SAMPLES_BETWEEN_LOOKS = 10
 
 
 class Meter:
@@ -48,13 +51,16 @@ class Meter:
         self.cpu_seconds = _cpu_seconds() - self._cpu
 
     def _sample(self) -> None:
-        while True:
+        children: list[psutil.Process] = []
+        for sample in itertools.count():
+            if sample % _SAMPLES_BETWEEN_LOOKS == 0:
+                children = self._process.children(recursive=True)
             resident = self._process.memory_info().rss
-            for child in self._process.children(recursive=True):
+            for child in children:
                 try:
                     resident += child.memory_info().rss
                 except psutil.Error:
-                    continue  # it ended between being listed and being asked
+                    continue  # it ended since it was listed
             self.peak_rss_bytes = max(self.peak_rss_bytes, resident)
             if self._stop.wait(_SECONDS_BETWEEN_SAMPLES):
                 return

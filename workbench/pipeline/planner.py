@@ -15,6 +15,7 @@ from workbench.project.settings import (
     StageSettings,
     check_stage_names,
     options_for,
+    suggestion,
 )
 
 Pipeline = Sequence[Stage[Any]]
@@ -30,6 +31,7 @@ class PlannedStage:
     action : ``run``, ``fresh``, ``stale`` or ``left out``.
     reason : why, in plain words.
     absent : artefacts of the stages this scene leaves out.
+    state : how the stage stands now; None for one that is left out.
     """
 
     stage: Stage[Any]
@@ -37,12 +39,15 @@ class PlannedStage:
     action: str
     reason: str
     absent: frozenset[str] = frozenset()
+    state: State | None = None
 
     @property
     def runs(self) -> bool:
+        """Whether there is work to do."""
         return self.action in ("run", "stale")
 
     def as_dict(self) -> dict[str, str]:
+        """The line as plain data."""
         return {"name": self.stage.name, "action": self.action, "reason": self.reason}
 
 
@@ -78,7 +83,7 @@ def make_plan(
         behind = next((rebuilt[name] for name in stage.reads if name in rebuilt), None)
         if action == "fresh" and behind:
             action, reason = "stale", f"waits for {behind}, which will run first"
-        plan.append(PlannedStage(stage, own, action, reason, absent))
+        plan.append(PlannedStage(stage, own, action, reason, absent, state))
         if action != "fresh":
             rebuilt |= dict.fromkeys(stage.writes, stage.name) | {"records": stage.name}
     return plan
@@ -95,11 +100,21 @@ def selected(
     names = [planned.stage.name for planned in plan]
     for name in (first, last, only):
         if name is not None and name not in names:
-            raise InputError(f"There is no stage {name!r}", expected=", ".join(names))
+            raise InputError(
+                f"There is no stage {name!r}",
+                expected=", ".join(names),
+                fix=suggestion(name, names) or "choose one of the expected names",
+            )
+    if only is not None and (first is not None or last is not None):
+        raise InputError("--only leaves nothing for --from and --to", fix="give one or the other")
     begin = names.index(only or first or names[0])
     end = names.index(only or last or names[-1])
     if begin > end:
-        raise InputError(f"--from {first} comes after --to {last}", expected=" → ".join(names))
+        raise InputError(
+            f"--from {first} comes after --to {last}",
+            expected=" → ".join(names),
+            fix="exchange them",
+        )
     return plan[begin : end + 1]
 
 

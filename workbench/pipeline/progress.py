@@ -68,8 +68,7 @@ class Progress:
         """One line; a transient one is overwritten by the next where that is possible."""
         if self._quiet:
             return
-        if self._terminal and self._open_line:
-            self._stream.write("\r\x1b[2K")
+        self._close()
         self._open_line = transient and self._terminal
         self._stream.write(text if self._open_line else text + "\n")
         self._stream.flush()
@@ -84,12 +83,22 @@ class Progress:
     def step(self, label: str, total: int | None = None) -> Iterator[Step]:
         """A piece of work of ``total`` items (None: unknown)."""
         self.line(f"  {label} …", transient=True)
-        yield Step(self, f"  {label}", total)
+        try:
+            yield Step(self, f"  {label}", total)
+        finally:
+            self._close()
+
+    def _close(self) -> None:
+        """Take a line back that the next would have overwritten, before others write."""
+        if self._open_line:
+            self._stream.write("\r\x1b[2K")
+            self._stream.flush()
+            self._open_line = False
 
 
 def format_seconds(seconds: float) -> str:
     """``0.4 s``, ``12 s``, ``3 min 20 s``, ``2 h 05 min``."""
-    if seconds < 10:
+    if seconds < 9.95:
         return f"{seconds:.1f} s"
     whole = round(seconds)
     if whole < 60:

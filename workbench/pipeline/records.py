@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import psutil
+import psutil  # type: ignore[import-untyped]
 
 from workbench.formats.atomic import replacing
 from workbench.project.project import Project
@@ -78,7 +78,9 @@ class RecordFolder:
         note = self._note()
         if note is None or not _alive(note):
             return None
-        return f"process {note['pid']} on {note['host']}"
+        told = f"process {note['pid']} on {note['host']}, since {note.get('started')}"
+        here = note["host"] == socket.gethostname()
+        return told if here else f"{told}, unless it was stopped: that cannot be seen from here"
 
     def _note(self) -> dict[str, Any] | None:
         try:
@@ -93,8 +95,11 @@ class RecordFolder:
 def _alive(note: dict[str, Any]) -> bool:
     try:
         if note["host"] != socket.gethostname():
-            return False
-        return abs(psutil.Process(note["pid"]).create_time() - note["process_started"]) < 1.0
+            return isinstance(note["pid"], int)  # nobody can tell from another machine
+        process = psutil.Process(note["pid"])
+        # The start tells a process from a later one that was given the same number.
+        same: bool = abs(process.create_time() - note["process_started"]) < 1.0
+        return same and bool(process.status() != psutil.STATUS_ZOMBIE)
     except (KeyError, TypeError, psutil.Error):
         return False
 

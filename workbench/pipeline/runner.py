@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import psutil
+import psutil  # type: ignore[import-untyped]
 
 from workbench.errors import InputError, WorkbenchError
-from workbench.pipeline.freshness import fingerprint, output_hashes, settings_hash, state_of
+from workbench.pipeline.freshness import (
+    file_entries,
+    fingerprint,
+    output_hashes,
+    settings_hash,
+    state_of,
+)
 from workbench.pipeline.meter import Meter
 from workbench.pipeline.planner import Pipeline, PlannedStage, make_plan, needed_for, selected
 from workbench.pipeline.progress import Progress, format_seconds
 from workbench.pipeline.records import RecordFolder, host_facts, library_versions, utc_now
-from workbench.pipeline.stage import Job, Products
+from workbench.pipeline.stage import Job, Products, StageResult
 from workbench.pipeline.tasks import Tasks
-from workbench.project.artefacts import ARTEFACTS
+from workbench.pipeline.threads import one_blas_thread
 from workbench.project.lock import project_lock
 from workbench.project.project import Project
 from workbench.project.settings import StageSettings
@@ -63,172 +68,190 @@ def run_pipeline(
     WorkbenchError
         The first error of a stage; what was finished before it stays finished.
     """
-    with project_lock(project.root):
+    with project_lock(project.root), one_blas_thread():
         try:
             plan = make_plan(pipeline, project, request.overrides)
             chosen = selected(plan, first=request.first, last=request.last, only=request.only)
             if request.target is not None:
                 chosen = needed_for(plan, request.target)
-            _check_inputs_of_first(project, plan, chosen)
-            _check_room(project, chosen)
-            left_out = {p.stage.name: p.reason for p in plan if p.action == "left out"}
-            forced = {p.stage.name for p in chosen} if request.force else set()
+            forced = frozenset(p.stage.name for p in chosen) if request.force else frozenset()
             if request.force and request.target is not None:
-                forced = {request.target}
-            return [
-                _run_stage(project, planned, request, progress, left_out, forced)
-                for planned in chosen
-            ]
+                forced = frozenset((request.target,))
+            _check_what_is_not_run(project, plan, chosen, progress)
+            _check_room(project, chosen, forced)
+            run = _Run(
+                project,
+                request,
+                progress,
+                left_out={p.stage.name: p.reason for p in plan if p.action == "left out"},
+                forced=forced,
+            )
+            return [run.outcome(planned) for planned in chosen]
         finally:
             project.hashes.save()
 
 
-def _run_stage(
-    project: Project,
-    planned: PlannedStage,
-    request: RunRequest,
-    progress: Progress,
-    left_out: Mapping[str, str],
-    forced: set[str],
-) -> dict[str, Any]:
-    stage, options = planned.stage, planned.options
-    outcome: dict[str, Any] = {
-        "name": stage.name,
-        "action": "left out",
-        "reason": planned.reason,
-        "seconds": 0.0,
-        "peak_rss_bytes": 0,
-        "metrics": [],
-        "warnings": [],
-    }
-    if planned.action == "left out":
-        progress.line(f"{stage.name}: left out — {planned.reason}")
-        return outcome
-    folder = RecordFolder(project, stage.name)
-    # Asked again here: a stage before this one may have given the same bytes as last time.
-    state = state_of(project, stage, options, planned.absent)
-    if state.state == "fresh" and stage.name not in forced:
-        record = folder.read() or {}
-        progress.line(f"{stage.name}: fresh — {state.reason}")
-        kept = {key: record.get(key, []) for key in ("metrics", "warnings")}
-        return outcome | kept | {"action": "fresh", "reason": state.reason}
+@dataclass(frozen=True)
+class _Run:
+    """What all stages of one run have in common."""
 
-    reason = "forced" if stage.name in forced else planned.reason
-    progress.line(f"{stage.name}: {reason}")
-    started, inputs = utc_now(), fingerprint(project, stage, options, planned.absent)
-    folder.start()
-    if stage.name in forced:
-        shutil.rmtree(folder.items_folder, ignore_errors=True)
-    job = Job(
-        products=Products(project, stage.reads, stage.writes, planned.absent),
-        options=options,
-        scene=project.scene(),
-        progress=progress,
-        tasks=Tasks(
-            root=project.root,
-            stage=stage.name,
-            fingerprint=settings_hash(stage, options),
-            hashes=project.hashes,
-            progress=progress,
-            workers=request.workers or os.cpu_count() or 1,
-            cluster=request.cluster,
-        ),
-        left_out=left_out,
-    )
-    record: dict[str, Any] = {
-        "stage": stage.name,
-        "version": stage.version,
-        "state": "done",
-        "reason": reason,
-        "started": started,
-        "options": options.model_dump(mode="json"),
-        "libraries": library_versions(stage.libraries),
-        "host": host_facts(),
-        "fingerprint": inputs,
-    }
-    meter = Meter()
-    try:
-        with meter:
-            result = stage.run(job)
-    except WorkbenchError as error:
-        error.stage = error.stage or stage.name
-        folder.write(record | {"state": "failed", "reason": str(error), "ended": utc_now()})
-        raise
-    outcome |= {
-        "action": "run",
-        "reason": reason,
-        "seconds": round(meter.seconds, 3),
-        "peak_rss_bytes": meter.peak_rss_bytes,
-        "metrics": [metric.as_dict() for metric in result.metrics],
-        "warnings": list(result.warnings),
-    }
-    record |= outcome | {
-        "ended": utc_now(),
-        "cpu_seconds": round(meter.cpu_seconds, 3),
-        "inputs": _files(project, stage.reads, planned.absent),
-        "outputs": _files(project, stage.writes, frozenset()),
-        "output_hashes": output_hashes(project, stage),
-    }
-    folder.write(record)
-    for warning in result.warnings:
-        progress.warning(f"{stage.name}: {warning}")
-    progress.line(
-        f"{stage.name}: done in {format_seconds(meter.seconds)}, "
-        f"peak {meter.peak_rss_bytes / 2**30:.2f} GiB"
-    )
-    return outcome
+    project: Project
+    request: RunRequest
+    progress: Progress
+    left_out: dict[str, str]
+    forced: frozenset[str]
 
-
-def _files(
-    project: Project, names: tuple[str, ...], absent: frozenset[str]
-) -> list[dict[str, Any]]:
-    """Every file behind some artefacts with its hash and size, for the record."""
-    found = []
-    for name in names:
-        if name in absent or name == "records":
-            continue
-        brought = ARTEFACTS[name].format == "input"
-        paths = project.input_paths(name) if brought else project.store.paths(name)
-        found += [
-            {
-                "artefact": name,
-                "path": os.path.relpath(path, project.root),
-                "hash": project.hashes.of_file(path),
-                "bytes": path.stat().st_size,
-            }
-            for path in paths
-        ]
-    return found
-
-
-def _check_inputs_of_first(
-    project: Project, plan: list[PlannedStage], chosen: list[PlannedStage]
-) -> None:
-    """Products the chosen stages read must be there or be made by a chosen stage."""
-    made = {name for planned in chosen for name in planned.stage.writes}
-    for planned in chosen:
+    def outcome(self, planned: PlannedStage) -> dict[str, Any]:
+        """Do one stage where that is needed; what `run_pipeline` returns of it."""
+        stage = planned.stage
+        unmoved: dict[str, Any] = {
+            "name": stage.name,
+            "action": planned.action,
+            "reason": planned.reason,
+            "seconds": 0.0,
+            "peak_rss_bytes": 0,
+            "metrics": [],
+            "warnings": [],
+        }
         if planned.action == "left out":
+            self.progress.line(f"{stage.name}: left out — {planned.reason}")
+            return unmoved
+        if stage.name in self.forced:
+            return self._done(planned, "forced")
+        # Asked again: a stage before this one may have given the same bytes as last time.
+        state = state_of(self.project, stage, planned.options, planned.absent)
+        if state.state != "fresh":
+            return self._done(planned, planned.reason)
+        self.progress.line(f"{stage.name}: fresh — {state.reason}")
+        record = RecordFolder(self.project, stage.name).read() or {}
+        kept = {key: record.get(key, []) for key in ("metrics", "warnings")}
+        return unmoved | kept | {"action": "fresh", "reason": state.reason}
+
+    def _done(self, planned: PlannedStage, reason: str) -> dict[str, Any]:
+        project, stage, options = self.project, planned.stage, planned.options
+        self.progress.line(f"{stage.name}: {reason}")
+        folder = RecordFolder(project, stage.name)
+        # Before the work, so that an input that changes meanwhile is found to have changed.
+        read = [name for name in stage.reads if name not in planned.absent and name != "records"]
+        record: dict[str, Any] = {
+            "stage": stage.name,
+            "version": stage.version,
+            "state": "done",
+            "reason": reason,
+            "started": utc_now(),
+            "options": options.model_dump(mode="json"),
+            "libraries": library_versions(stage.libraries),
+            "host": host_facts(),
+            "fingerprint": fingerprint(project, stage, options, planned.absent),
+            "inputs": file_entries(project, read),
+        }
+        folder.start()
+        if stage.name in self.forced:
+            shutil.rmtree(folder.items_folder, ignore_errors=True)
+        meter = Meter()
+        try:
+            with meter:
+                result = self._result(planned)
+        except Exception as error:
+            if isinstance(error, WorkbenchError):
+                error.stage = error.stage or stage.name
+                told = str(error)
+            else:
+                told = f"{type(error).__name__}: {error}"
+            folder.write(record | {"state": "failed", "reason": told, "ended": utc_now()})
+            raise
+        outcome = {
+            "name": stage.name,
+            "action": "run",
+            "reason": reason,
+            "seconds": round(meter.seconds, 3),
+            "peak_rss_bytes": meter.peak_rss_bytes,
+            "metrics": [metric.as_dict() for metric in result.metrics],
+            "warnings": list(result.warnings),
+        }
+        ended = {
+            "ended": utc_now(),
+            "cpu_seconds": round(meter.cpu_seconds, 3),
+            "outputs": file_entries(project, stage.writes),
+            "output_hashes": output_hashes(project, stage),
+        }
+        folder.write(record | outcome | ended)
+        for warning in result.warnings:
+            self.progress.warning(f"{stage.name}: {warning}")
+        self.progress.line(
+            f"{stage.name}: done in {format_seconds(meter.seconds)}, "
+            f"peak {meter.peak_rss_bytes / 2**30:.2f} GiB"
+        )
+        return outcome
+
+    def _result(self, planned: PlannedStage) -> StageResult:
+        project, stage, options = self.project, planned.stage, planned.options
+        products = Products(project, stage.reads, stage.writes, planned.absent)
+        job = Job(
+            products=products,
+            options=options,
+            scene=project.scene(),
+            progress=self.progress,
+            tasks=Tasks(
+                root=project.root,
+                stage=stage.name,
+                fingerprint=settings_hash(stage, options),
+                hashes=project.hashes,
+                progress=self.progress,
+                reads=stage.reads,
+                writes=stage.writes,
+                libraries=stage.libraries,
+                workers=self.request.workers or _cores(),
+                cluster=self.request.cluster,
+            ),
+            left_out=self.left_out,
+        )
+        result = stage.run(job)
+        products.remove_what_was_not_written()
+        return result
+
+
+def _cores() -> int:
+    """Cores this process may use; a batch system often grants fewer than there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _check_what_is_not_run(
+    project: Project, plan: list[PlannedStage], chosen: list[PlannedStage], progress: Progress
+) -> None:
+    """Products of stages outside this run must be there; old ones are told."""
+    names = {planned.stage.name for planned in chosen}
+    working = [planned for planned in chosen if planned.action != "left out"]
+    for earlier in plan:
+        if earlier.stage.name in names or earlier.action in ("left out", "fresh"):
             continue
-        for earlier in plan[: [p.stage.name for p in plan].index(planned.stage.name)]:
-            needed = set(planned.stage.reads) & set(earlier.stage.writes) - made
-            if needed and earlier.action != "left out":
-                record = RecordFolder(project, earlier.stage.name).read()
-                if record is None or record.get("state") != "done":
-                    raise InputError(
-                        f"{planned.stage.name} needs what {earlier.stage.name} makes",
-                        stage=planned.stage.name,
-                        found=f"{earlier.stage.name} has not run",
-                        fix=f"workbench {planned.stage.name} runs what it needs as well",
-                    )
+        taken = [p for p in working if set(p.stage.reads) & set(earlier.stage.writes)]
+        if not taken:
+            continue
+        stage, first = earlier.stage.name, taken[0].stage
+        record = RecordFolder(project, stage).read() or {}
+        wanted = set(first.reads) & set(record.get("output_hashes", {}))
+        lost = [name for name in wanted if not project.store.paths(name)]
+        if earlier.action == "run" or lost:
+            raise InputError(
+                f"{first.name} needs what {stage} makes",
+                stage=first.name,
+                found=f"{stage}: {earlier.reason}",
+                fix=f"`workbench {first.name} PROJECT` runs what it needs as well",
+            )
+        progress.warning(f"{stage} is not part of this run though {earlier.reason}")
 
 
-def _check_room(project: Project, chosen: list[PlannedStage]) -> None:
+def _check_room(project: Project, chosen: list[PlannedStage], forced: frozenset[str]) -> None:
     """Memory and disk, before the first sample is touched."""
     scene = project.scene()
     memory = psutil.virtual_memory().available
     disk = shutil.disk_usage(project.root).free
     for planned in chosen:
-        if not planned.runs or planned.stage.estimate is None:
+        works = planned.runs or planned.stage.name in forced
+        if not works or planned.action == "left out" or planned.stage.estimate is None:
             continue
         estimate = planned.stage.estimate(scene, planned.options)
         for what, need, have in (
@@ -243,4 +266,3 @@ def _check_room(project: Project, chosen: list[PlannedStage]) -> None:
                     found=f"{have / 2**30:.1f} GiB free",
                     fix="free some, choose a coarser preset (draft), or leave scans out",
                 )
-

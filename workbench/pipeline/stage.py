@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from workbench.errors import InputError
 from workbench.metrics import Metric
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.tasks import Tasks
@@ -64,10 +65,11 @@ class Products:
         self._absent = absent
         self._reads = frozenset(reads) | frozenset(writes)
         self._writes = frozenset(writes)
+        self._written: set[str] = set()
 
     def load(self, name: str, item: str | None = None) -> Any:
         """The value of a declared artefact."""
-        return self._project.store.load(self._readable(name), item)
+        return self._project.store.load(self._there(name), item)
 
     def load_if_there(self, name: str, item: str | None = None) -> Any | None:
         """The value of a declared artefact, None where it was left out."""
@@ -91,14 +93,16 @@ class Products:
 
     def item_hash(self, name: str, item: str) -> str:
         """Content hash of one item of a declared artefact."""
-        return self._project.hashes.of_file(self._project.store.path(self._readable(name), item))
+        return self._project.hashes.of_file(self._project.store.path(self._there(name), item))
 
     def save(self, name: str, value: Any, item: str | None = None) -> Path:
         """Store a declared product whole."""
+        self._written.add(name)
         return self._project.store.save(self._writable(name), value, item)
 
     def writing(self, name: str, item: str | None = None) -> AbstractContextManager[Path]:
         """A temporary path that becomes the declared product when the block ends well."""
+        self._written.add(name)
         return self._project.store.writing(self._writable(name), item)
 
     def remove_items_except(self, name: str, keep: set[str]) -> None:
@@ -107,9 +111,24 @@ class Products:
             if item not in keep:
                 self._project.store.path(name, item).unlink()
 
+    def remove_what_was_not_written(self) -> None:
+        """Delete single products of an earlier run that this one, now done, did not make."""
+        for name in self._writes - self._written:
+            if not ARTEFACTS[name].per_item:
+                self._project.store.path(name).unlink(missing_ok=True)
+
     @property
     def project_name(self) -> str:
+        """What the project is called."""
         return self._project.name
+
+    def _there(self, name: str) -> str:
+        if self._readable(name) in self._absent:
+            raise InputError(
+                f"{ARTEFACTS[name].description}: left out for this scene",
+                fix="workbench plan tells why",
+            )
+        return name
 
     def _readable(self, name: str) -> str:
         if name not in self._reads:
@@ -167,5 +186,10 @@ class Stage(Generic[OptionsT]):
 
     def __post_init__(self) -> None:
         for name in self.reads + self.writes:
-            if ARTEFACTS[name].truth and not self.reads_truth:
-                raise ValueError(f"stage {self.name} may not read the simulated truth ({name})")
+            if name not in ARTEFACTS:
+                raise ValueError(f"stage {self.name}: {name!r} is not in the artefact table")
+            if ARTEFACTS[name].truth and not (self.reads_truth and name in self.reads):
+                raise ValueError(f"stage {self.name} may not touch the simulated truth ({name})")
+        for name in self.writes:
+            if ARTEFACTS[name].format == "input" or name == "records" or name in self.reads:
+                raise ValueError(f"stage {self.name} may not write {name!r}")

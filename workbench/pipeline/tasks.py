@@ -10,14 +10,18 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from concurrent.futures import Future, wait
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from workbench.errors import InputError, WorkbenchError
+from workbench.errors import InputError
 from workbench.formats.atomic import replacing
+from workbench.pipeline.threads import one_blas_thread
 from workbench.project.hashing import FileHashes, hash_of_value
 from workbench.project.store import ProductStore
 
@@ -26,24 +30,43 @@ if TYPE_CHECKING:
 
 Payload = Mapping[str, Any]
 
+# What a local cluster costs: some two seconds to start, and as much again until its workers
+# have imported what this process has imported already (measured on two cores).
+_CLUSTER_START_SECONDS = 4.0
+
 
 class ItemProducts:
-    """What an item's function writes with; it remembers what was written."""
+    """What an item's function reads and writes with; it remembers what was written.
 
-    def __init__(self, store: ProductStore) -> None:
+    Parameters
+    ----------
+    store : the project's artefacts.
+    reads, writes : what the stage declared; nothing else can be touched.
+    """
+
+    def __init__(
+        self, store: ProductStore, reads: tuple[str, ...], writes: tuple[str, ...]
+    ) -> None:
         self._store = store
+        self._reads = frozenset(reads) | frozenset(writes)
+        self._writes = frozenset(writes)
         self.written: list[Path] = []
 
     def load(self, name: str, item: str | None = None) -> Any:
-        """The value of an artefact."""
+        """The value of a declared artefact."""
+        if name not in self._reads:
+            raise PermissionError(f"the stage does not declare that it reads {name!r}")
         return self._store.load(name, item)
 
-    def save(self, name: str, value: Any, item: str | None = None) -> None:
-        """Store one product of this item whole."""
+    def save(self, name: str, value: Any, item: str) -> None:
+        """Store one declared product of this item whole."""
+        if name not in self._writes:
+            raise PermissionError(f"the stage does not declare that it writes {name!r}")
         self.written.append(self._store.save(name, value, item))
 
 
 ItemFunction = Callable[[ItemProducts, Payload], dict[str, Any]]
+ItemOutcome = tuple[dict[str, Any], list[str]]
 
 
 @dataclass(frozen=True)
@@ -56,6 +79,8 @@ class Tasks:
     stage, fingerprint : the stage and the hash of its version, options and libraries.
     hashes : the project's content hashes.
     progress : where to report.
+    reads, writes : the artefacts the stage declared.
+    libraries : distributions whose version can change the result.
     workers : how many processes on this machine.
     cluster : address of a Dask scheduler, instead of local workers.
     """
@@ -65,6 +90,9 @@ class Tasks:
     fingerprint: str
     hashes: FileHashes
     progress: Progress
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    libraries: tuple[str, ...] = ()
     workers: int = 1
     cluster: str | None = None
 
@@ -106,19 +134,21 @@ class Tasks:
                     "summary": summary,
                     "written": [[path, self.hashes.of_file(self.root / path)] for path in written],
                 }
-                self._write_note(function, name, note)
-                done[name] = summary
+                # By way of JSON, as a later run will read it: a tuple is a list either way.
+                text = json.dumps(note)
+                self._write_note(function, name, text)
+                done[name] = json.loads(text)["summary"]
                 step.advance()
         return {name: done[name] for name in items}
 
     def _note_path(self, function: ItemFunction, name: str) -> Path:
         return self.root / "work" / self.stage / "items" / function.__name__ / f"{name}.json"
 
-    def _write_note(self, function: ItemFunction, name: str, note: dict[str, Any]) -> None:
+    def _write_note(self, function: ItemFunction, name: str, text: str) -> None:
         path = self._note_path(function, name)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
-            temporary.write_text(json.dumps(note), encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8")
 
     def _finished(self, function: ItemFunction, name: str, key: str) -> dict[str, Any] | None:
         """The summary of an item whose note and products still hold, else None."""
@@ -135,65 +165,71 @@ class Tasks:
 
     def _results(
         self, function: ItemFunction, todo: Mapping[str, Payload]
-    ) -> Iterator[tuple[str, tuple[dict[str, Any], list[str]]]]:
+    ) -> Iterator[tuple[str, ItemOutcome]]:
         """Results as they come; how many workers made them cannot be told from them."""
-        local = min(self.workers, len(todo))
         if not todo:
             return
-        if self.cluster is None and local <= 1:
-            for name, payload in todo.items():
-                yield name, run_item(str(self.root), function, payload)
-            return
-        from distributed import as_completed
+        from workbench.pipeline.cluster import local_cluster, results_of, the_cluster_at
 
-        with _client(self.cluster, local) as client:
-            if self.cluster:
-                self.progress.line(f"  dashboard: {client.dashboard_link}")
-            futures = {
-                client.submit(run_item, str(self.root), function, payload, pure=False): name
-                for name, payload in todo.items()
-            }
-            for future in as_completed(futures):
-                yield futures[future], future.result()
+        run = partial(run_item, str(self.root), self.reads, self.writes, function)
+        waiting = dict(todo)
+        if self.cluster is not None:
+            with the_cluster_at(self.cluster, self.root, self.libraries, self.progress) as client:
+                yield from results_of(client, run, waiting)
+            return
+        if self.workers == 1:
+            for name, payload in waiting.items():
+                yield name, run(name, payload)
+            return
+        # Items begin here, and what is not begun after as long as a cluster takes to start
+        # goes to workers. So small items never pay for a cluster, and large ones wait for
+        # none: however long items take, at most that start is lost.
+        began = time.monotonic()
+        while waiting:
+            name = next(iter(waiting))
+            here = _in_a_thread(partial(run, name, waiting.pop(name)))
+            left = began + _CLUSTER_START_SECONDS - time.monotonic()
+            finished, _ = wait([here], timeout=max(left, 0.0) if waiting else None)
+            if not finished:
+                break
+            yield name, here.result()
+        if waiting:
+            with local_cluster(min(self.workers, len(waiting))) as client:
+                for outcome in results_of(client, run, waiting):
+                    if here.done():
+                        here.result()  # an error of it is told now, not after all the others
+                    yield outcome
+            yield name, here.result()
 
 
 def run_item(
-    root: str, function: ItemFunction, payload: Payload
-) -> tuple[dict[str, Any], list[str]]:
+    root: str,
+    reads: tuple[str, ...],
+    writes: tuple[str, ...],
+    function: ItemFunction,
+    name: str,
+    payload: Payload,
+) -> ItemOutcome:
     """One item, in whichever process; returns its summary and the products it wrote."""
-    products = ItemProducts(ProductStore(Path(root)))
-    summary = function(products, payload)
+    products = ItemProducts(ProductStore(Path(root)), reads, writes)
+    try:
+        with one_blas_thread():
+            summary = function(products, payload)
+    except Exception as error:
+        error.add_note(f"while at work on {name}")
+        raise
     return summary, [os.path.relpath(path, root) for path in products.written]
 
 
-@contextmanager
-def _client(cluster: str | None, workers: int) -> Iterator[Any]:
-    import dask
-    from distributed import Client, LocalCluster
+def _in_a_thread(work: Callable[[], ItemOutcome]) -> Future[ItemOutcome]:
+    """The outcome to be of work in a thread that does not keep a stopped program alive."""
+    future: Future[ItemOutcome] = Future()
 
-    if cluster is not None:
+    def fulfil() -> None:
         try:
-            client = Client(cluster, timeout="10s")
-        except (OSError, ValueError) as error:
-            raise WorkbenchError(
-                "The Dask scheduler does not answer",
-                found=f"{cluster}: {error}",
-                fix="start it with `dask scheduler`, or leave --cluster out",
-            ) from error
-        with client:
-            yield client
-        return
-    settings = {"distributed.worker.daemon": True, "distributed.admin.tick.interval": "1s"}
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=None,
-            silence_logs=50,
-            host="127.0.0.1",
-        ) as local,
-        Client(local) as client,
-    ):
-        yield client
+            future.set_result(work())
+        except BaseException as error:
+            future.set_exception(error)
+
+    Thread(target=fulfil, daemon=True).start()
+    return future

@@ -35,6 +35,7 @@ class Artefact:
 
     @property
     def per_item(self) -> bool:
+        """Whether there is one file per scan, photograph or chunk."""
         return "{item}" in self.path
 
 
@@ -49,7 +50,9 @@ _TABLE = (
     Artefact(
         "range_maps", "work/ingest/range_maps/{item}.npz", "range-map", "scans in metres, checked"
     ),
-    Artefact("scan_poses", "work/register/scan_poses.json", "json", "world_from_scan of every scan"),
+    Artefact(
+        "scan_poses", "work/register/scan_poses.json", "json", "world_from_scan of every scan"
+    ),
     Artefact(
         "registration", "work/register/registration.npz", "arrays", "residuals, overlap, covariance"
     ),

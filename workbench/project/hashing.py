@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -11,49 +13,56 @@ from typing import Any
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 
+# A clock tick of a file system: within one, a second edit leaves the times as they were.
+_TICK_NS = 50_000_000
+
 
 def hash_of_value(value: Any) -> str:
     """Hash of plain data (dicts, lists, numbers, strings); key order does not matter."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=True)
-    return _name(hashlib.blake2b(text.encode(), digest_size=20))
+    return _name(hashlib.blake2b(text.encode(), digest_size=20).hexdigest())
 
 
 class FileHashes:
     """BLAKE2b hashes of files with a memory on disk.
 
     A file is read again when its inode, size, modification or status-change time differs.
-    The status-change time cannot be set back by a program, so an edit cannot hide.
+    The status-change time cannot be set back by a program, so an edit cannot hide. What was
+    written a moment ago is not remembered yet, for it may change within the same clock tick.
+
+    Parameters
+    ----------
+    memory : the file that remembers; a lost or broken one costs only reading again.
+    root : the folder paths are remembered relative to, so that both may move together.
     """
 
     def __init__(self, memory: Path, root: Path) -> None:
         self._memory_path = memory
         self._root = root
-        self._memory: dict[str, list[Any]] = {}
+        self._memory = _remembered(memory)
         self._changed = False
-        try:
-            loaded = json.loads(memory.read_text(encoding="utf-8"))
-            self._memory = loaded if isinstance(loaded, dict) else {}
-        except (OSError, ValueError):
-            pass  # a lost memory costs only the time to read the files again
 
     def of_file(self, path: Path) -> str:
         """``blake2b:<hex>`` of the file's content."""
         try:
             status = path.stat()
             stamp = [status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns]
-            key = str(path.resolve())
+            key = os.path.relpath(path, self._root)
             known = self._memory.get(key)
             if known is not None and known[:4] == stamp:
                 return str(known[4])
+            settled = time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) > _TICK_NS
             with open(path, "rb") as file:
                 digest = hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=20))
+            content = _name(digest.hexdigest())
         except OSError as error:
             raise InputError(
                 "A file cannot be read", file=path, found=error.strerror, fix="restore the file"
             ) from error
-        self._memory[key] = [*stamp, _name(digest)]
-        self._changed = True
-        return _name(digest)
+        if settled:
+            self._memory[key] = [*stamp, content]
+            self._changed = True
+        return content
 
     def of_files(self, paths: Iterable[Path]) -> str:
         """One hash over several files: their names and contents, in the order given."""
@@ -61,12 +70,26 @@ class FileHashes:
 
     def save(self) -> None:
         """Write the memory when anything was added, without files that are gone."""
-        if self._changed and self._memory_path.parent.is_dir():
-            kept = {path: entry for path, entry in self._memory.items() if Path(path).exists()}
+        if not (self._changed and self._memory_path.parent.is_dir()):
+            return
+        kept = {key: entry for key, entry in self._memory.items() if (self._root / key).exists()}
+        try:
             with replacing(self._memory_path) as temporary:
                 temporary.write_text(json.dumps(kept), encoding="utf-8")
-            self._changed = False
+        except OSError:
+            return  # a folder that may only be read, or another process that saves just now
+        self._changed = False
 
 
-def _name(digest: hashlib._Hash) -> str:
-    return f"blake2b:{digest.hexdigest()}"
+def _remembered(memory: Path) -> dict[str, list[Any]]:
+    try:
+        loaded = json.loads(memory.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    if not isinstance(loaded, dict):
+        return {}
+    return {k: v for k, v in loaded.items() if isinstance(v, list) and len(v) == 5}
+
+
+def _name(hexadecimal: str) -> str:
+    return f"blake2b:{hexadecimal}"

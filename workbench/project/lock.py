@@ -12,7 +12,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from workbench.errors import ProjectLockedError
+from workbench.errors import InputError, ProjectLockedError
 
 
 @contextmanager
@@ -26,12 +26,14 @@ def project_lock(root: Path) -> Iterator[None]:
     ------
     ProjectLockedError
         When another process holds it, naming that process.
+    InputError
+        When the project folder cannot be written.
     """
     folder = root / "work"
-    folder.mkdir(exist_ok=True)
     note = folder / "lock.json"
     lock = FileLock(folder / ".lock")
     try:
+        folder.mkdir(exist_ok=True)
         lock.acquire(timeout=0)
     except Timeout:
         raise ProjectLockedError(
@@ -40,6 +42,13 @@ def project_lock(root: Path) -> Iterator[None]:
             found=_holder(note),
             fix="wait for it to end, or stop it",
         ) from None
+    except OSError as error:
+        raise InputError(
+            "The project folder cannot be written",
+            file=folder,
+            found=error.strerror,
+            fix="check its permissions, or copy the project to where you may write",
+        ) from error
     try:
         started = datetime.now(UTC).isoformat(timespec="seconds")
         held = {"pid": os.getpid(), "host": socket.gethostname(), "started": started}

@@ -7,8 +7,10 @@ passes: a mistyped stage or option is an error that names the nearest known one.
 from __future__ import annotations
 
 import difflib
+import json
 import tomllib
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,7 +23,7 @@ StageSettings = dict[str, dict[str, Any]]
 
 
 class StageOptions(BaseModel):
-    """Base of every stage's options: frozen, closed, finite.
+    """Base of every stage's options and of groups of options inside them: frozen, closed, finite.
 
     A field with ``json_schema_extra={"changes_result": False}`` (threads, verbosity) does
     not make finished results stale.
@@ -33,13 +35,15 @@ class StageOptions(BaseModel):
         """The plain options that can change the result."""
         plain = self.model_dump(mode="json")
         for name, field in type(self).model_fields.items():
-            extra = field.json_schema_extra
+            extra, value = field.json_schema_extra, getattr(self, name)
             if isinstance(extra, dict) and extra.get("changes_result") is False:
                 del plain[name]
+            elif isinstance(value, StageOptions):
+                plain[name] = value.result_options()
         return plain
 
 
-OptionsT = TypeVar("OptionsT", bound=StageOptions)
+OptionsT = TypeVar("OptionsT", bound=BaseModel)
 
 
 def presets() -> dict[str, Path]:
@@ -55,9 +59,17 @@ def load_preset(name: str) -> StageSettings:
         raise SettingsError(
             f"There is no preset {name!r}",
             expected=", ".join(known),
-            fix=_suggestion(name, known) or "choose one of the expected names",
+            fix=suggestion(name, known) or "choose one of the expected names",
         )
-    return read_stage_tables(read_toml(known[name]), known[name])
+    document = read_toml(known[name])
+    for key in document.keys() - {"stages"}:
+        raise SettingsError(
+            f"Unknown table [{key}]",
+            file=known[name],
+            expected="[stages.<name>]",
+            fix="correct the name of the table",
+        )
+    return read_stage_tables(document, known[name])
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -65,7 +77,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsError("Not valid TOML", file=path, found=str(error)) from error
+        raise SettingsError(
+            "Not valid TOML", file=path, found=str(error), fix="correct the file at that place"
+        ) from error
+    except OSError as error:
+        raise SettingsError(
+            "The file cannot be read", file=path, found=error.strerror, fix="check its permissions"
+        ) from error
 
 
 def read_stage_tables(document: Mapping[str, Any], file: Path) -> StageSettings:
@@ -78,25 +96,45 @@ def read_stage_tables(document: Mapping[str, Any], file: Path) -> StageSettings:
     return {stage: dict(table) for stage, table in tables.items()}
 
 
-def parse_override(text: str) -> tuple[str, str, Any]:
-    """``stage.option=value`` to its parts; the value is read as TOML, else as a string."""
+def parse_assignment(text: str, expected: str = "stage.option=value") -> dict[str, Any]:
+    """``a.b=value`` as nested tables; the value is read as TOML, else taken as text.
+
+    ``expected`` shows the form that was asked for; at least as many names must be given.
+
+    Examples
+    --------
+    >>> parse_assignment("infill.depth=9")
+    {'infill': {'depth': 9}}
+    """
     target, equals, value = text.partition("=")
-    stage, dot, option = target.strip().partition(".")
-    if not (equals and dot and stage and option):
-        raise SettingsError(f"--set {text!r} is not understood", expected="stage.option=value")
+    names = [name.strip() for name in target.split(".")]
+    if not equals or not all(names) or len(names) < len(expected.split(".")):
+        raise SettingsError(
+            f"--set {text!r} is not understood",
+            expected=expected,
+            fix="name the option in full, and no spaces around the equals sign",
+        )
     try:
         parsed: Any = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         parsed = value.strip()
-    return stage, option, parsed
+    if not isinstance(parsed, bool | int | float | str | list | dict):
+        parsed = value.strip()  # TOML knows dates; options do not
+    for name in reversed(names):
+        parsed = {name: parsed}
+    return dict(parsed)
 
 
-def merged(layers: Iterable[StageSettings]) -> StageSettings:
-    """Stage tables merged option by option, later layers winning."""
-    result: StageSettings = {}
+def merged(layers: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Tables merged option by option at every depth, later layers winning."""
+    result: dict[str, Any] = {}
     for layer in layers:
-        for stage, table in layer.items():
-            result.setdefault(stage, {}).update(table)
+        for name, value in layer.items():
+            if isinstance(value, Mapping):
+                before = result.get(name)
+                result[name] = merged([before if isinstance(before, dict) else {}, value])
+            else:
+                result[name] = value
     return result
 
 
@@ -109,18 +147,67 @@ def options_for(stage: str, model: type[OptionsT], settings: StageSettings) -> O
         With the option, what was given and what is allowed.
     """
     try:
-        return model.model_validate(settings.get(stage, {}))
+        # Strict, so that true is no number and "3" no count; by way of JSON, whose strict
+        # mode still takes a list for a tuple and 1 for 1.0.
+        plain = json.dumps(settings.get(stage, {}), default=str)
+        return model.model_validate_json(plain, strict=True)
     except ValidationError as error:
-        first = error.errors()[0]
-        option = ".".join(str(part) for part in first["loc"])
-        unknown = first["type"] == "extra_forbidden"
+        problem = first_problem(error, model)
         raise SettingsError(
-            f"{'There is no option' if unknown else 'Wrong value for'} {stage}.{option}",
+            f"{'There is no option' if problem.unknown else 'Wrong value for'} "
+            f"{stage}.{problem.name}",
             stage=stage,
-            found=repr(first["input"]),
-            expected=None if unknown else first["msg"],
-            fix=_suggestion(option, model.model_fields) or f"see `workbench {stage} --help`",
+            found=problem.found,
+            expected=problem.expected,
+            fix=problem.suggestion or f"`workbench options {stage}` lists what there is",
         ) from error
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The first thing wrong with some settings, in words.
+
+    Attributes
+    ----------
+    name : the dotted name of the option.
+    found : the value given.
+    expected : what is allowed; None where the option itself is ``unknown``.
+    suggestion : the nearest known name, for an unknown one.
+    """
+
+    name: str
+    found: str
+    expected: str | None
+    unknown: bool
+    suggestion: str | None
+
+
+def first_problem(error: ValidationError, model: type[BaseModel]) -> Problem:
+    """What a validation error of ``model`` says about its first option."""
+    first, *others = error.errors()
+    group: type[BaseModel] | None = model
+    names: list[str] = []
+    known: list[str] = []
+    for part in map(str, first["loc"]):
+        if group is None:
+            break  # what follows names the branch of a union or the place in a list
+        names.append(part)
+        fields = {field.alias or name: field for name, field in group.model_fields.items()}
+        known = list(fields)
+        kind = fields[part].annotation if part in fields else None
+        group = kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+    unknown = first["type"] == "extra_forbidden"
+    messages = [first["msg"]] + [
+        other["msg"] for other in others if other["loc"][: len(names)] == first["loc"][: len(names)]
+    ]
+    found = repr(first["input"])
+    return Problem(
+        name=".".join(names) or "in combination",
+        found=found if len(found) <= 100 else found[:100] + "…",
+        expected=None if unknown else " or ".join(dict.fromkeys(messages)),
+        unknown=unknown,
+        suggestion=suggestion(names[-1], known) if unknown and names else None,
+    )
 
 
 def check_stage_names(settings: StageSettings, known: Iterable[str]) -> None:
@@ -131,10 +218,11 @@ def check_stage_names(settings: StageSettings, known: Iterable[str]) -> None:
             raise SettingsError(
                 f"There is no stage {stage!r}",
                 expected=", ".join(names),
-                fix=_suggestion(stage, names) or "remove the setting",
+                fix=suggestion(stage, names) or "remove the setting",
             )
 
 
-def _suggestion(name: str, known: Iterable[str]) -> str | None:
+def suggestion(name: str, known: Iterable[str]) -> str | None:
+    """``did you mean 'register'?``, where a known name is near enough."""
     close = difflib.get_close_matches(name, list(known), n=1)
     return f"did you mean {close[0]!r}?" if close else None

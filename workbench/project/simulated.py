@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import tomllib
+import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -10,15 +11,20 @@ from typing import Any, Protocol
 from pydantic import ValidationError
 
 from workbench.errors import InputError, SettingsError
-from workbench.project.project import PROJECT_FILE, Project, create_project
+from workbench.project.creation import create_project
+from workbench.project.project import Project
+from workbench.project.settings import first_problem, load_preset, merged, parse_assignment
 from workbench.synthetic.options import SimulationOptions
 from workbench.synthetic.writing import write_simulation
+
+_PRESETS = {"statue": "statue", "building": "building"}
 
 
 class Reports(Protocol):
     """What tells the user how far the simulation is."""
 
-    def line(self, text: str, *, transient: bool = False) -> None: ...
+    def line(self, text: str, *, transient: bool = False) -> None:
+        """Show a line; a transient one may be overwritten by the next."""
 
 
 def simulate_project(
@@ -43,46 +49,43 @@ def simulate_project(
     SettingsError
         For an option that does not exist or is out of bounds.
     InputError
-        Where ``out`` holds a project already.
+        Where ``out`` is there already and not an empty folder.
     """
-    if (out / PROJECT_FILE).exists():
-        raise InputError("There is a project already", file=out, fix="choose another folder")
+    out = out.resolve()
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise InputError(
+            "There is something already", file=out, fix="choose another folder, or remove it"
+        )
     options = simulation_options(given, settings)
-    write_simulation(
-        out,
-        options,
-        lambda done, total, label: progress.line(f"  {label} {done}/{total}", transient=True),
-    )
-    return create_project(
-        out, scans=[out / "scans"], preset=preset or _PRESETS.get(options.scene, "default")
-    )
-
-
-_PRESETS = {"statue": "statue", "building": "building"}
+    preset = preset or _PRESETS.get(options.scene, "default")
+    load_preset(preset)
+    # Made beside and renamed, so that a simulation that was stopped leaves no half scene.
+    partial = out.with_name(f".{out.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        write_simulation(
+            partial,
+            options,
+            lambda done, total, label: progress.line(f"  {label} {done}/{total}", transient=True),
+        )
+        os.replace(partial, out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return create_project(out, scans=[out / "scans"], preset=preset)
 
 
 def simulation_options(given: dict[str, Any], settings: Sequence[str]) -> SimulationOptions:
     """Checked options from names and ``option=value`` texts."""
-    plain = {name: value for name, value in given.items() if value is not None}
-    for text in settings:
-        path, equals, value = text.partition("=")
-        if not equals:
-            raise SettingsError(f"--set {text!r} is not understood", expected="option=value")
-        try:
-            parsed: Any = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            parsed = value
-        *groups, name = path.strip().split(".")
-        table = plain
-        for group in groups:
-            table = table.setdefault(group, {})
-        table[name] = parsed
+    named = {name: value for name, value in given.items() if value is not None}
+    plain = merged([named, *(parse_assignment(text, "option=value") for text in settings)])
     try:
         return SimulationOptions.model_validate(plain)
     except ValidationError as error:
-        first = error.errors()[0]
+        problem = first_problem(error, SimulationOptions)
         raise SettingsError(
-            f"Simulation option {'.'.join(str(part) for part in first['loc'])}: {first['msg']}",
-            found=repr(first["input"]),
-            fix="the options are those of workbench/synthetic/options.py",
+            f"{'There is no' if problem.unknown else 'Wrong value for'} simulation option "
+            f"{problem.name}",
+            found=problem.found,
+            expected=problem.expected,
+            fix=problem.suggestion or "the options are those of workbench/synthetic/options.py",
         ) from error

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import io
 import json
+import struct
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,6 +35,14 @@ _RANGE_MAP_FIELDS = (
 )
 
 
+# All that NumPy, zipfile and the value types raise on bytes nobody wrote.
+_DAMAGE = (
+    *(ValueError, TypeError, KeyError, EOFError, OSError, SyntaxError, MemoryError),
+    *(NotImplementedError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error),
+    tokenize.TokenError,
+)
+
+
 @dataclass(frozen=True)
 class ProductStore:
     """The artefacts below one project root."""
@@ -45,6 +56,8 @@ class ProductStore:
             raise ValueError(f"{name} is brought by the user and has no fixed place")
         if artefact.per_item != (item is not None):
             raise ValueError(f"{name}: item {'missing' if item is None else 'not expected'}")
+        if item is not None and (item in ("", ".", "..") or "/" in item):
+            raise ValueError(f"{name}: {item!r} cannot be the name of a file")
         return self.root / artefact.path.format(item=item)
 
     def items(self, name: str) -> tuple[str, ...]:
@@ -65,6 +78,7 @@ class ProductStore:
         return (path,) if path.exists() else ()
 
     def exists(self, name: str, item: str | None = None) -> bool:
+        """Whether the artefact (or one item of it) is there."""
         return self.path(name, item).exists()
 
     def load(self, name: str, item: str | None = None) -> Any:
@@ -80,9 +94,10 @@ class ProductStore:
             with np.load(path, allow_pickle=False) as archive:
                 arrays = {key: archive[key] for key in archive.files}
             if artefact.format == "range-map":
-                return RangeMap(name=item or "", **{k: arrays.get(k) for k in _RANGE_MAP_FIELDS})
+                fields: dict[str, Any] = {key: arrays.get(key) for key in _RANGE_MAP_FIELDS}
+                return RangeMap(name=item or "", **fields)
             return _mesh(arrays) if artefact.format == "mesh" else arrays
-        except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except _DAMAGE as error:
             raise InputError(
                 f"{artefact.description}: damaged",
                 file=path,
@@ -137,4 +152,5 @@ def _mesh(arrays: Mapping[str, Any]) -> TriangleMesh:
 def _write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     # Through an open file, for numpy would append ".npz" to the temporary name.
     with io.FileIO(path, "w") as raw, io.BufferedWriter(raw) as file:
-        np.savez(file, **{key: np.asarray(value) for key, value in arrays.items()})
+        plain = {key: np.asarray(value) for key, value in arrays.items()}
+        np.savez(file, allow_pickle=False, **plain)

@@ -187,7 +187,9 @@ class _System:
         radius: float,
     ) -> None:
         self._anchor, self._radius = anchor, radius
-        self._centres = np.array([apply(p, s.points.mean(axis=0)) for s, p in zip(scans, poses)])
+        self._centres = np.array(
+            [apply(p, s.points.mean(axis=0)) for s, p in zip(scans, poses, strict=True)]
+        )
         n = len(scans)
         residuals = [match.plane_residuals() for match in matches]
         pooled = np.concatenate(residuals) if residuals else np.zeros(0)
@@ -215,13 +217,13 @@ class _System:
     ) -> None:
         """Accumulate JᵀWJ, JᵀWr and the isotropic JᵀWJ of one directed pair."""
         normal = match.mean_normals()
+        # The mean normal turns by half of what either scan turns, which makes the middle of
+        # the two samples the lever of both; a motion common to both is then felt by neither.
+        middle = 0.5 * (match.source_points + match.target_points)
         jacobian = np.empty((len(match), 12))
         motion = np.empty((3, len(match), 12))
-        for column, scan, points, sign in (
-            (0, match.source, match.source_points, 1.0),
-            (6, match.target, match.target_points, -1.0),
-        ):
-            lever = (points - self._centres[scan]) / self._radius
+        for column, scan, sign in ((0, match.source, 1.0), (6, match.target, -1.0)):
+            lever = (middle - self._centres[scan]) / self._radius
             jacobian[:, column : column + 3] = sign * np.cross(lever, normal)
             jacobian[:, column + 3 : column + 6] = sign * normal
             for axis, unit in enumerate(np.eye(3)):
@@ -235,9 +237,9 @@ class _System:
         self.matrix[np.ix_(index, index)] += block
         self._gradient[index] += gradient
         for axis in range(3):
-            self._held_in_space[np.ix_(index, index)] += (motion[axis] * weight[:, None]).T @ motion[
-                axis
-            ]
+            self._held_in_space[np.ix_(index, index)] += (
+                motion[axis] * weight[:, None]
+            ).T @ motion[axis]
 
     def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """Seen shares, motions (columns) and which are unconstrained, over the free unknowns.
@@ -249,7 +251,7 @@ class _System:
         space = self._held_in_space[among]
         # A scan that nothing matches would make the pencil singular; its motions come out
         # with a share of zero, which is what they are.
-        ridge = 1e-12 * max(float(np.trace(space)) / max(len(space), 1), 1e-300)
+        ridge = 1e-6 * max(float(np.trace(space)) / max(len(space), 1), 1e-300)
         shares, motions = eigh(self.matrix[among], space + ridge * np.eye(len(space)))
         return shares, motions, unconstrained(shares, self._normal_angle)
 
@@ -338,6 +340,7 @@ def _pair_results(matches: Sequence[Matches]) -> tuple[PairResult, ...]:
 
 def _scene_radius(scans: Sequence[OrientedScan], poses: Sequence[Matrix4]) -> float:
     """Half the diagonal of the box around all scans, metres."""
-    points = [apply(p, s.points[:: max(1, len(s) // 2000)]) for s, p in zip(scans, poses)]
-    everything = np.concatenate(points)
+    everything = np.concatenate(
+        [apply(p, s.points[:: max(1, len(s) // 2000)]) for s, p in zip(scans, poses, strict=True)]
+    )
     return 0.5 * float(np.linalg.norm(everything.max(axis=0) - everything.min(axis=0)))

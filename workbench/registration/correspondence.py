@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from workbench.geometry.neighbours import nearest
 from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.transforms import Matrix4, apply, inverse, rotate
 
@@ -52,7 +53,8 @@ class Matches:
         the distance to one tangent plane is biased (Rusinkiewicz 2019, symmetric ICP).
         """
         normal = self.mean_normals()
-        return np.einsum("mi,mi->m", self.source_points - self.target_points, normal)
+        gap = self.source_points - self.target_points
+        return np.asarray(np.einsum("mi,mi->m", gap, normal))
 
     def mean_normals(self) -> NDArray[np.float64]:
         """(m, 3) unit bisectors of the matched normals."""
@@ -95,9 +97,7 @@ class Matcher:
         target_from_source = inverse(poses[target]) @ poses[source]
         points = apply(target_from_source, self.scans[source].points[asking])
         normals = rotate(target_from_source, self.scans[source].normals[asking])
-        distance, index = self._trees[target].query(
-            points, distance_upper_bound=max_distance_m, workers=-1
-        )
+        distance, index = nearest(self._trees[target], points, max_distance_m)
         hit = np.flatnonzero(np.isfinite(distance))
         found = index[hit]
         agree = np.einsum("mi,mi->m", normals[hit], goal.normals[found])

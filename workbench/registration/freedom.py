@@ -42,9 +42,7 @@ class Freedom:
     sentence: str
 
 
-def unconstrained(
-    shares: NDArray[np.float64], normal_angle_rad: float
-) -> NDArray[np.bool_]:
+def unconstrained(shares: NDArray[np.float64], normal_angle_rad: float) -> NDArray[np.bool_]:
     """Which motions are felt no more than noise in the normals would make them.
 
     Parameters

@@ -149,7 +149,9 @@ def _flat_caps(
         triangles = index[corner]
         # The cap runs through each open edge against the face that is there.
         cap_area = sum(_signed_area(points[t]) for t in corner)
-        caps.append(triangles if np.sign(cap_area) != np.sign(area[outline]) else triangles[:, ::-1])
+        caps.append(
+            triangles if np.sign(cap_area) != np.sign(area[outline]) else triangles[:, ::-1]
+        )
     return caps
 
 

@@ -42,7 +42,7 @@ def depth_for_spacing(points: NDArray[np.float64], spacing_m: float) -> int:
 
 def cell_size_m(points: NDArray[np.float64], depth: int) -> float:
     """Edge of the finest octree cell."""
-    return CUBE_SCALE * float((points.max(axis=0) - points.min(axis=0)).max()) / 2**depth
+    return CUBE_SCALE * float((points.max(axis=0) - points.min(axis=0)).max()) / float(2**depth)
 
 
 def reconstruct(

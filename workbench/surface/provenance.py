@@ -10,13 +10,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from workbench.cloud.fusion import Samples
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.neighbours import k_nearest
+from workbench.geometry.samples import Samples
 
 MEASURED, INFILLED = 0, 1
 PHOTOGRAPHED, INPAINTED, UNCOLORED = 0, 1, 2
 _NEIGHBOURS = 6
-_LEAST_COSINE = 0.5
+_LEAST_COSINE = 0.6
+# Height over a sample's tangent plane, relative to its reach, that curvature explains.
+_PLANE_TOLERANCE = 0.25
 
 
 @dataclass(frozen=True)
@@ -44,15 +47,20 @@ def support_of(
     """Tell measured from infilled vertices.
 
     A vertex is measured where one of its closest samples lies within that sample's own
-    reach (``radius_m`` times ``reach_factor``) and faces within 60° of the same way: the
-    back of a thin wall, or the wall of a crevice, is not measured by samples of its front.
+    reach (``radius_m`` times ``reach_factor``), faces within 53° of the same way, and has
+    the vertex near its tangent plane. The back of a thin wall, the wall of a crevice and the
+    web that closes a gap are close to samples and yet not measured by them.
     """
     tree = cKDTree(samples.points)
     k = min(_NEIGHBOURS, len(samples))
-    distance, index = tree.query(vertices, k=[*range(1, k + 1)], workers=-1)
+    distance, index = k_nearest(tree, vertices, k)
     within = distance <= reach_factor * samples.radius_m[index]
     facing = np.einsum("vi,vki->vk", normals, samples.normals[index]) > _LEAST_COSINE
-    measured = (within & facing).any(axis=1)
+    offset = np.einsum(
+        "vki,vki->vk", vertices[:, None] - samples.points[index], samples.normals[index]
+    )
+    beside = np.abs(offset) <= _PLANE_TOLERANCE * samples.radius_m[index]
+    measured = (within & facing & beside).any(axis=1)
     return Support(
         np.where(measured, MEASURED, INFILLED).astype(np.uint8), distance[:, 0], index[:, 0]
     )

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from workbench.cloud.fusion import Samples
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
+from workbench.geometry.neighbours import k_nearest
+from workbench.geometry.samples import Samples
 
 _NEIGHBOURS = 8
 # Width of the Gaussian in sample distances: wide enough to average noise, no wider.
@@ -62,7 +63,7 @@ def _projected(
     tree: cKDTree,
     k: int,
 ) -> NDArray[np.float64]:
-    distance, index = tree.query(vertices, k=[*range(1, k + 1)], workers=-1)
+    distance, index = k_nearest(tree, vertices, k)
     reach = samples.radius_m[index]
     width = _WIDTH * np.median(reach, axis=1, keepdims=True)
     facing = np.clip(np.einsum("vi,vki->vk", normals, samples.normals[index]), 0.0, 1.0)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from workbench.geometry.mesh import TriangleMesh
+from workbench.errors import WorkbenchError
+from workbench.geometry.mesh import TriangleMesh, edge_census
 from workbench.kernels.bcc_isosurface import edge_points
 from workbench.kernels.carved_blocks import BLOCK_CELLS, carve_blocks, distances_by_cell
 
@@ -91,6 +92,11 @@ def carved_mesh(solid: Solid, spacing_m: float) -> TriangleMesh:
     -------
     The outer surface in the solid's frame; crumbs that the weathering cut off are left out.
 
+    Raises
+    ------
+    WorkbenchError
+        The surface has a hole: a primitive's reach was set too short.
+
     Notes
     -----
     Only blocks of 4³ cells that the surface runs through are evaluated: starting from one,
@@ -123,7 +129,16 @@ def carved_mesh(solid: Solid, spacing_m: float) -> TriangleMesh:
             wave = np.unique(found[~visited[tuple(found.T)]], axis=0)
     vertices, triangles = _indexed(np.concatenate(keys), np.concatenate(fractions), stride)
     mesh = TriangleMesh(solid.low + vertices * (0.5 * spacing_m), triangles)
-    return _largest_component(mesh)
+    mesh = _largest_component(mesh)
+    census = edge_census(mesh.triangles)
+    if not census.watertight:
+        raise WorkbenchError(
+            "The carved surface is not closed.",
+            expected="two faces at every edge",
+            found=str(census),
+            fix="Report it with the simulation's options; another seed will do for now.",
+        )
+    return mesh
 
 
 def _first_block(solid: Solid, spacing_m: float) -> NDArray[np.int64]:

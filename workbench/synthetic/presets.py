@@ -7,6 +7,8 @@ from typing import Any
 _MESH_SPACING_M = {"small": 0.0045, "medium": 0.0025, "large": 0.0016}
 _STATUE_GRID = {"small": (300, 220), "medium": (680, 500), "large": (1360, 1000)}
 _BUILDING_GRID = {"small": (225, 330), "medium": (610, 900), "large": (1220, 1800)}
+# Coarse scanners are noisy scanners: about a tenth of the sample spacing and more.
+_STATUE_SIGMA_M = {"small": 0.0005, "medium": 0.0003, "large": 0.0002}
 _SQUARE_GRID = {"small": (200, 200), "medium": (450, 450), "large": (900, 900)}
 
 _SCANNER: dict[str, dict[str, Any]] = {
@@ -58,7 +60,12 @@ def scene_defaults(scene: str, size: str) -> dict[str, Any]:
     return {
         "mesh_spacing_m": _MESH_SPACING_M[size],
         "world_offset_m": UTM_OFFSET_M if scene == "building" else (0.0, 0.0, 0.0),
-        "scanner": {"rows": rows, "cols": cols, **_SCANNER[scene]},
+        "scanner": {
+            "rows": rows,
+            "cols": cols,
+            **({"depth_sigma_m": _STATUE_SIGMA_M[size]} if scene == "statue" else {}),
+            **_SCANNER[scene],
+        },
         "stations": dict(_STATIONS[scene]),
         "coarse_poses": dict({} if scene == "statue" else _COARSE_POSES.get(scene, _DEGENERATE)),
     }

@@ -66,11 +66,10 @@ class PrimitiveTable:
         for group in Group:
             own = table[:, 1] == group
             # Where a row still matters it lies within the blend radius k of the rest of its
-            # group. That rest swells by k/4 for every two rows that meet (three is ample),
-            # and its group by its own blend and the weathering.
-            swelling = 0.75 * float(table[own, 3].max(initial=0.0))
+            # group. That rest swells by k/4 with every row that joins (five at one place is
+            # ample), and its group by the groups' own blends and the weathering.
             blend = float(table[own, 3].max(initial=0.0))
-            table[own, solids.REACH_COLUMN] = blend + swelling + GROUP_BLEND_M.max() + 0.006
+            table[own, solids.REACH_COLUMN] = 2.25 * blend + GROUP_BLEND_M.max() + 0.006
         return table
 
     def cone(

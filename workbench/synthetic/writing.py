@@ -41,8 +41,7 @@ def write_simulation(
     * ``surface.npz``: ``vertices`` (n, 3) float64 local, ``triangles`` (m, 3) int32,
       ``material`` (n,) uint8 (0 object, 1 support), ``reflectance`` (n,) float32 and
       ``origin`` (3,) float64, so that world = local + origin;
-    * ``scan_poses.json``: true pose of every scan relative to ``origin``, like the project's
-      own pose files;
+    * ``scan_poses.json``: true pose of every scan in the world, and the scene's ``origin``;
     * ``masks/scan_NN.png``: 255 where the sample lies on the object, 0 elsewhere;
     * ``scans/scan_NN.npz``: one row per sample, in the order of the PLY: see `Samples`;
       ``true_points_in_local`` are hits in the frame of ``surface.npz``;
@@ -63,7 +62,7 @@ def write_simulation(
         _write_samples(truth / "scans" / f"{name}.npz", scan)
         assert scan.range_map.world_from_scan is not None
         coarse[f"{name}.ply"] = scan.range_map.world_from_scan
-        true[name] = scan.local_from_scan
+        true[name] = scan.world_from_scan
     write_conf(scans / "poses.conf", coarse)
     write_scan_poses_json(truth / "scan_poses.json", true, scene.origin_in_world)
     facts = {

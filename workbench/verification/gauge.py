@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from workbench.geometry.transforms import Matrix4, apply, inverse, rigid, rotation_angle_deg
 from workbench.metrics import Metric
@@ -83,11 +82,3 @@ def best_rigid(points_in_a: NDArray[np.float64], points_in_b: NDArray[np.float64
     u, _, vt = np.linalg.svd((points_in_b - mean_b).T @ (points_in_a - mean_a))
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return rigid(rotation, mean_b - rotation @ mean_a)
-
-
-def near_hits(
-    vertices: NDArray[np.float64], hits: NDArray[np.float64], distance_m: float
-) -> NDArray[np.bool_]:
-    """(n,) vertices with a scanner hit within ``distance_m``."""
-    distance, _ = cKDTree(hits).query(vertices, distance_upper_bound=distance_m, workers=-1)
-    return np.asarray(np.isfinite(distance))

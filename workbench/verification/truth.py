@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
 from workbench.metrics import Metric
 from workbench.render.palette import MEASURED
@@ -110,6 +110,12 @@ class InfillFlagging:
         return self.infilled_unseen / unseen if unseen else 1.0
 
     @property
+    def flagged_share_of_seen(self) -> float:
+        """Share of the seen area that is flagged as infilled; 0 when nothing was seen."""
+        seen = self.measured_seen + self.infilled_seen
+        return self.infilled_seen / seen if seen else 0.0
+
+    @property
     def precision(self) -> float:
         """Share of the flagged area that truly was not seen; 1 when nothing is flagged."""
         flagged = self.infilled_unseen + self.infilled_seen
@@ -123,6 +129,12 @@ class InfillFlagging:
                 100 * self.measured_unseen,
                 "%",
                 "Share of the surface that says measured where no scan saw the object.",
+            ),
+            Metric(
+                "seen_flagged_infilled",
+                100 * self.flagged_share_of_seen,
+                "%",
+                "Share of the surface that some scan saw and that is flagged as infilled.",
             ),
             Metric(
                 "infill_flag_recall",
@@ -203,12 +215,16 @@ def compare_to_truth(
 def infill_flagging(
     surface: TriangleMesh,
     truth: TriangleMesh,
-    seen: NDArray[np.bool_],
+    hits: NDArray[np.float64],
+    reach_m: float,
     *,
     samples: int = 200_000,
     seed: int = 0,
 ) -> InfillFlagging:
     """Compare the surface's ``provenance`` with what the scans really saw of the truth.
+
+    A place of the surface was seen when a true hit lies within ``reach_m`` of the point of
+    the truth closest to it.
 
     Parameters
     ----------
@@ -216,25 +232,21 @@ def infill_flagging(
         with a ``provenance`` attribute; without one it claims to be all measured.
     truth
         in the frame of the surface.
-    seen
-        (vertices of the truth,) bool, whether any scan saw that vertex.
+    hits
+        (k, 3) float64, where beams of the scanner met the truth, free of noise, same frame.
+    reach_m
+        how far around itself a hit shows the surface: about one sample distance.
     samples, seed
-        of the surface samples, which are looked up at their closest true point.
-
-    Raises
-    ------
-    InputError
-        If ``seen`` does not have one value per vertex of the truth.
+        of the surface samples.
     """
-    if len(seen) != len(truth.vertices):
-        raise InputError(
-            "seen must tell for every vertex of the truth whether a scan saw it",
-            expected=f"{len(truth.vertices)} values",
-            found=f"{len(seen)} values",
-        )
     points, triangle, barycentric = sample_surface(surface, samples, seed)
     measured = measured_vertices(surface)[nearest_corners(surface, triangle, barycentric)]
-    was_seen = np.asarray(seen, bool)[distance_to_surface(points, truth).nearest_vertex(truth)]
+    places = points + distance_to_surface(points, truth).offset
+    if len(hits):
+        distance, _ = cKDTree(hits).query(places, distance_upper_bound=reach_m, workers=-1)
+        was_seen = np.isfinite(distance)
+    else:
+        was_seen = np.zeros(len(points), bool)
     return InfillFlagging(
         measured_seen=float((measured & was_seen).mean()),
         measured_unseen=float((measured & ~was_seen).mean()),

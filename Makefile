@@ -1,0 +1,57 @@
+# Everything a fresh machine needs, and the commands people type.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+DEMO := out/demo
+SYSTEM_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6
+
+.PHONY: demo test test-full lint types imports check setup readme clean
+
+demo: setup
+	rm -rf $(DEMO)
+	$(BIN)/workbench simulate $(DEMO) --scene statue --seed 7 --size small
+	$(BIN)/workbench run $(DEMO)
+	@echo "The report is in $(CURDIR)/$(DEMO)/report/report.html"
+
+test: check
+	$(BIN)/python -m pytest -q -m "not slow"
+
+test-full: check
+	$(BIN)/python -m pytest -q
+
+check: lint types imports
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: setup
+	$(BIN)/mypy
+
+imports: setup
+	$(BIN)/lint-imports
+
+# The tables of stages and options in the README are made from the code.
+readme: setup
+	$(BIN)/workbench options --readme README.md > /dev/null
+
+setup: $(READY)
+
+$(READY): pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@$(BIN)/python -c "import open3d, pymeshlab" 2>/dev/null || $(MAKE) --no-print-directory system
+	touch $@
+
+# Open3D and PyMeshLab need libraries a bare machine lacks: installed where that is allowed,
+# else the one line to type is said.
+.PHONY: system
+system:
+	@if [ "$$(id -u)" = 0 ]; then apt-get update -q && apt-get install -y -q --no-install-recommends $(SYSTEM_LIBRARIES); \
+	elif sudo -n true 2>/dev/null; then sudo apt-get update -q && sudo apt-get install -y -q --no-install-recommends $(SYSTEM_LIBRARIES); \
+	else echo "Type this, then make again:  sudo apt-get install -y $(SYSTEM_LIBRARIES)"; exit 3; fi
+
+clean:
+	rm -rf $(VENV) out

@@ -1,0 +1,133 @@
+"""Dask: a local cluster, or one that is there already."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from workbench.errors import InputError, WorkbenchError
+from workbench.pipeline.records import library_versions
+from workbench.project.project import PROJECT_FILE
+
+if TYPE_CHECKING:
+    from workbench.pipeline.progress import Progress
+
+_ANSWER_SECONDS = 10.0
+
+
+@contextmanager
+def local_cluster(workers: int) -> Iterator[Any]:
+    """A Dask client of ``workers`` processes on this machine, which end with the block."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    settings = {"distributed.worker.daemon": True, "distributed.admin.tick.interval": "1s"}
+    with (
+        dask.config.set(settings),
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            # Room is checked before the run. Dask's own limit would halt or kill an item that
+            # takes more than its equal share while its neighbours take less.
+            memory_limit=0,
+            dashboard_address=None,
+            silence_logs=50,
+            host="127.0.0.1",
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def the_cluster_at(
+    address: str, root: Path, libraries: tuple[str, ...], progress: Progress
+) -> Iterator[Any]:
+    """A Dask client of the scheduler at ``address``.
+
+    Raises
+    ------
+    InputError
+        When it does not answer or has no workers, or they do not see the project folder or
+        have other versions of the libraries, and so would give another result.
+    """
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=_ANSWER_SECONDS)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "The Dask scheduler does not answer",
+            expected="an address like tcp://host:8786",
+            found=f"{address}: {error}",
+            fix="start it with `dask scheduler`, or leave --cluster out",
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_ANSWER_SECONDS)
+        except TimeoutError as error:
+            raise InputError(
+                "The Dask scheduler has no workers",
+                found=address,
+                fix=f"start some with `dask worker {address}`",
+            ) from error
+        _check_workers(client, root, libraries)
+        progress.line(f"  dashboard: {client.dashboard_link}")
+        yield client
+
+
+def worker_facts(root: str, libraries: tuple[str, ...]) -> dict[str, Any]:
+    """What a worker sees of the project and which versions it has."""
+    return {"project": (Path(root) / PROJECT_FILE).is_file(), "has": library_versions(libraries)}
+
+
+def _check_workers(client: Any, root: Path, libraries: tuple[str, ...]) -> None:
+    try:
+        facts = client.run(worker_facts, str(root), libraries)
+    except ImportError as error:
+        raise InputError(
+            "The workers cannot run the workbench",
+            found=str(error),
+            fix="install this version of the workbench where the workers run",
+        ) from error
+    here = library_versions(libraries)
+    for worker, fact in facts.items():
+        if not fact["project"]:
+            raise InputError(
+                "A worker does not see the project folder",
+                file=root,
+                found=worker,
+                fix="keep the project on a disk that all workers have at the same path",
+            )
+        for name, version in here.items():
+            if fact["has"].get(name) != version:
+                raise InputError(
+                    f"A worker has another version of {name} and could give another result",
+                    expected=version,
+                    found=f"{fact['has'].get(name)} on {worker}",
+                    fix="install the same versions where the workers run",
+                )
+
+
+def results_of(
+    client: Any, run: Callable[[str, Any], Any], items: Mapping[str, Any]
+) -> Iterator[tuple[str, Any]]:
+    """``(name, run(name, item))`` of every item, as they come."""
+    from distributed import as_completed
+    from distributed.client import FutureCancelledError
+    from distributed.scheduler import KilledWorker
+
+    futures = {client.submit(run, name, item, pure=False): name for name, item in items.items()}
+    for future in as_completed(futures):
+        name = futures[future]
+        try:
+            yield name, future.result()
+        except (KilledWorker, FutureCancelledError) as error:
+            raise WorkbenchError(
+                f"The workers died while at work on {name}",
+                found=str(error),
+                fix="most often memory ran out: take fewer --workers",
+            ) from error
