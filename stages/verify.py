@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from workbench.pipeline.records import utc_now
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
+
+if TYPE_CHECKING:
+    from workbench.verification.truth import TruthComparison
 
 _CITATIONS = (
     "Jaspe Villanueva, A. (2018). Scalable exploration of 3D massive models. PhD thesis, ch. 3.",
@@ -64,7 +67,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     products, options = job.products, job.options
     surface = _surface(job)
     metrics, warnings = _exported(job)
-    truth, name, found = _truth(job, surface)
+    truth, comparison, name, found = _truth(job, surface)
     metrics += found
     records = [products.load("records", item) for item in _in_order(job)]
     records += [{"stage": s, "state": "left out", "reason": r} for s, r in job.left_out.items()]
@@ -78,6 +81,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
             up=options.up,
             **_registration(job),
             truth=truth,
+            comparison=comparison,
             reference_name=name,
             citations=_CITATIONS,
             reproducibility=_REPRODUCIBILITY,
@@ -147,7 +151,7 @@ def _registration(job: Job[VerifyOptions]) -> dict[str, Any]:
 
 def _truth(
     job: Job[VerifyOptions], surface: TriangleMesh
-) -> tuple[TriangleMesh | None, str, list[Metric]]:
+) -> tuple[TriangleMesh | None, TruthComparison | None, str, list[Metric]]:
     """What is known of the true surface, in the frame of the model."""
     from workbench.formats.surface_files import read_surface
     from workbench.verification.reference import reference_metrics
@@ -165,13 +169,14 @@ def _truth(
         reach = products.load("simulation")["nominal_sample_spacing_m"]
         compared = compare_to_truth(surface, truth, samples=job.options.samples)
         flagged = infill_flagging(surface, truth, hits, reach, samples=job.options.samples)
-        return truth, "simulated truth", poses.metrics() + compared.metrics() + flagged.metrics()
+        metrics = poses.metrics() + compared.metrics() + flagged.metrics()
+        return truth, compared, "simulated truth", metrics
     paths = products.input_paths("reference_file")
     if not paths:
-        return None, "", []
+        return None, None, "", []
     reference = read_surface(paths[0])
     reference = replace(reference, vertices=reference.vertices - origin)
-    return reference, paths[0].name, reference_metrics(surface, reference)
+    return reference, None, paths[0].name, reference_metrics(surface, reference)
 
 
 def _compared_poses(job: Job[VerifyOptions], inventory: Mapping[str, Any]) -> Any:

@@ -22,7 +22,7 @@ from scipy.linalg import eigh
 from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.transforms import Matrix4, apply, from_twist, nearest_rigid
 from workbench.registration.correspondence import Matcher, Matches, OverlapGraph, overlap_graph
-from workbench.registration.freedom import Freedom, freedom_in_words, unconstrained
+from workbench.registration.freedom import Freedom, freedom_in_words, told_apart, unconstrained
 
 _TUKEY = 4.685  # 95 % efficient on Gaussian residuals
 _MAD_TO_SIGMA = 1.4826
@@ -151,7 +151,7 @@ def adjust(
     after = _residuals(matches)
     given = _residuals(_match_all(fine, final, coarse_poses, floor))
     reason = ""
-    if not graph.connected:
+    if not (graph.connected and final.connected):
         reason = "some scans overlap no other"
     elif not converged:
         reason = f"the poses still move after {rounds} rounds"
@@ -198,15 +198,15 @@ class _System:
         # What the matrix would be if every match held its points in all three directions.
         self._held_in_space = np.zeros((6 * n, 6 * n))
         self._gradient = np.zeros(6 * n)
-        angles, distances = [], []
+        weights, angles, distances = [], [], []
         for match, residual in zip(matches, residuals, strict=True):
             weight = np.maximum(1.0 - (residual / (_TUKEY * self.sigma_m)) ** 2, 0.0) ** 2
             self._add(match, residual, weight)
             cosine = np.einsum("mi,mi->m", match.source_normals, match.target_normals)
+            weights.append(weight)
             angles.append(np.arccos(np.clip(cosine, -1.0, 1.0)))
             distances.append(np.linalg.norm(match.source_points - match.target_points, axis=1))
-        everything = np.concatenate(angles) if angles else np.zeros(0)
-        self._normal_angle = float(np.median(everything)) if len(everything) else 0.0
+        self._squared_angle = _weighted_mean_square(angles, weights)
         self.median_distance_m = float(np.median(np.concatenate(distances))) if distances else 0.0
         free = np.ones((n, 6), bool)
         free[anchor] = False
@@ -253,7 +253,7 @@ class _System:
         # with a share of zero, which is what they are.
         ridge = 1e-6 * max(float(np.trace(space)) / max(len(space), 1), 1e-300)
         shares, motions = eigh(self.matrix[among], space + ridge * np.eye(len(space)))
-        return shares, motions, unconstrained(shares, self._normal_angle)
+        return shares, motions, unconstrained(shares, self._squared_angle)
 
     def step(self, poses: list[Matrix4]) -> float:
         """Move the scans; returns the largest motion of any unknown, metres."""
@@ -271,10 +271,10 @@ class _System:
             poses[k] = nearest_rigid(about @ from_twist([0, 0, 0, *(-centre)]) @ poses[k])
         return float(np.abs(change).max(initial=0.0))
 
-    def full_vector(self, free_vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A vector over the free unknowns with zeros for the anchor."""
-        full = np.zeros(self.matrix.shape[0])
-        full[self._free] = free_vector
+    def full_vectors(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Columns over the free unknowns with zeros for the anchor."""
+        full = np.zeros((self.matrix.shape[0], columns.shape[1]))
+        full[self._free] = columns
         return full
 
     def covariance(self) -> NDArray[np.float64]:
@@ -301,7 +301,7 @@ def _confidence(
     shares, motions, loose = system.spectrum()
     firm = shares[~loose]
     condition = float(firm.max() / firm.min()) if len(firm) else 1.0
-    unseen = [system.full_vector(motions[:, k]) for k in np.flatnonzero(loose)]
+    unseen = told_apart(system.full_vectors(motions[:, loose])) if loose.any() else []
     return system.covariance(), condition, unseen
 
 
@@ -323,6 +323,15 @@ def _residuals(matches: Sequence[Matches]) -> NDArray[np.float64]:
 def _robust_sigma(residuals: NDArray[np.float64]) -> float:
     """Standard deviation from the median of absolute values; 0 without residuals."""
     return _MAD_TO_SIGMA * float(np.median(np.abs(residuals))) if len(residuals) else 0.0
+
+
+def _weighted_mean_square(
+    values: Sequence[NDArray[np.float64]], weights: Sequence[NDArray[np.float64]]
+) -> float:
+    """Over all arrays together; 0 where nothing has weight."""
+    total = sum(float(w.sum()) for w in weights)
+    squares = sum(float(w @ v**2) for v, w in zip(values, weights, strict=True))
+    return squares / total if total > 0.0 else 0.0
 
 
 def _pair_results(matches: Sequence[Matches]) -> tuple[PairResult, ...]:

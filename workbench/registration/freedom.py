@@ -20,9 +20,12 @@ from numpy.typing import NDArray
 _FLOOR_FACTOR = 4.0
 # A smaller share is not told from zero in float64.
 _LEAST_SHARE = 1e-9
-# For two normals with Gaussian error, the square of the median angle between them times
-# this is the mean squared error of their bisector along one direction: 2 / (8 · 2 ln 2).
-_BISECTOR_ERROR = 0.18
+# The mean squared angle between two equally wrong normals times this is the mean squared
+# error of their bisector along one direction.
+_BISECTOR_ERROR = 1 / 8
+# A motion is one scan's own where others take part less than this (sine of the angle), and a
+# slide where it turns less.
+_OWN, _SLIDE = 0.1, 0.2
 
 
 @dataclass(frozen=True)
@@ -42,16 +45,59 @@ class Freedom:
     sentence: str
 
 
-def unconstrained(shares: NDArray[np.float64], normal_angle_rad: float) -> NDArray[np.bool_]:
+def unconstrained(shares: NDArray[np.float64], squared_angle: float) -> NDArray[np.bool_]:
     """Which motions are felt no more than noise in the normals would make them.
 
     Parameters
     ----------
     shares : (k,) seen share of each motion, in [0, 1].
-    normal_angle_rad : median angle between matched normals.
+    squared_angle : weighted mean of the squared angle between matched normals, rad². Not
+        its median: the few bad normals at grazing rims are what a free motion feels.
     """
-    floor = _FLOOR_FACTOR * _BISECTOR_ERROR * normal_angle_rad**2
+    floor = _FLOOR_FACTOR * _BISECTOR_ERROR * squared_angle
     return shares <= max(floor, _LEAST_SHARE)
+
+
+def told_apart(motions: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Unconstrained motions, one scan at a time and slides before turns where they can be.
+
+    Parameters
+    ----------
+    motions : (6 · scans, k), columns that span the unconstrained motions: any mixture.
+
+    Returns
+    -------
+    k unit vectors that span the same; first what a scan can do alone, then what several do
+    together.
+    """
+    rest, _ = np.linalg.qr(motions)
+    found: list[NDArray[np.float64]] = []
+    for start in range(0, len(rest), 6):
+        if not rest.shape[1]:
+            break
+        _, share, mixture = np.linalg.svd(rest[start : start + 6])
+        alone = np.zeros(rest.shape[1], bool)
+        alone[: len(share)] = share > np.sqrt(1.0 - _OWN**2)
+        own, rest = rest @ mixture[alone].T, rest @ mixture[~alone].T
+        _, turning, order = np.linalg.svd(own[start : start + 3], full_matrices=True)
+        slide = np.ones(own.shape[1], bool)
+        slide[: len(turning)] = turning <= _SLIDE
+        found += _along_axes(own @ order[slide].T, start + 3)
+        found += _along_axes(own @ order[~slide].T, start)
+    return [*found, *rest.T]
+
+
+def _along_axes(motions: NDArray[np.float64], start: int) -> list[NDArray[np.float64]]:
+    """The span of ``motions`` by vectors as parallel as can be to the axes at ``start``."""
+    found = []
+    while motions.shape[1]:
+        axis = motions[start : start + 3]
+        strongest = int(np.argmax((axis**2).sum(axis=1)))
+        _, _, mixture = np.linalg.svd(axis[strongest : strongest + 1])
+        turned = motions @ mixture.T
+        found.append(turned[:, 0] * np.sign(turned[start + strongest, 0] or 1.0))
+        motions = turned[:, 1:]
+    return found
 
 
 def freedom_in_words(motion: NDArray[np.float64], names: Sequence[str]) -> Freedom:

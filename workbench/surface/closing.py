@@ -6,7 +6,9 @@ cube and ends there. It is cut at the samples' own box and the cut is closed by 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 
 import mapbox_earcut
 import numpy as np
@@ -71,30 +73,36 @@ def clipped(mesh: TriangleMesh, normal: Point3, offset: float) -> TriangleMesh:
 
 def capped(mesh: TriangleMesh) -> TriangleMesh:
     """The mesh with every opening closed; flat openings may lie inside each other."""
-    vertices, caps = [mesh.vertices], []
-    flat: dict[tuple[int, ...], list[NDArray[np.int64]]] = {}
-    count = len(mesh.vertices)
+    caps: list[NDArray[np.int64]] = []
+    round_edges: list[NDArray[np.int64]] = []
+    flat: dict[tuple[int, float], list[NDArray[np.int64]]] = {}
+    size = float(np.ptp(mesh.vertices, axis=0).max()) if len(mesh.vertices) else 0.0
     for loop in boundary_loops(mesh.triangles):
         points = mesh.vertices[loop]
         axis = _flat_axis(points)
         if axis is None:
-            # Round an edge of the box: a fan about the middle closes it all the same.
-            following = np.roll(loop, -1)
-            caps.append(np.stack([following, loop, np.full(len(loop), count)], axis=1))
-            vertices.append(points.mean(axis=0, keepdims=True))
-            count += 1
-        else:
-            size = max(float(np.ptp(mesh.vertices, axis=0).max()), 1e-300)
-            plane = (axis, round(float(points[:, axis].mean()) / (size * 1e-6)))
-            flat.setdefault(plane, []).append(loop)
+            round_edges.append(loop)
+            continue
+        height = float(points[:, axis].mean())
+        planes = (p for p in flat if p[0] == axis and abs(p[1] - height) <= _FLAT * size)
+        flat.setdefault(next(planes, (axis, height)), []).append(loop)
     for (axis, _), loops in flat.items():
-        caps += _flat_caps(mesh.vertices, loops, axis)
+        found, unclosed = _flat_caps(mesh, loops, axis)
+        caps += found
+        round_edges += unclosed
+    # Round an edge of the box: a fan about the middle closes it all the same.
+    middles = [mesh.vertices[loop].mean(axis=0, keepdims=True) for loop in round_edges]
+    for middle, loop in enumerate(round_edges, start=len(mesh.vertices)):
+        caps.append(np.stack([np.roll(loop, -1), loop, np.full(len(loop), middle)], axis=1))
     triangles = np.concatenate([mesh.triangles, *caps]).astype(np.int32)
-    return TriangleMesh(np.concatenate(vertices), triangles)
+    return TriangleMesh(np.concatenate([mesh.vertices, *middles]), triangles)
 
 
 def boundary_loops(triangles: NDArray[np.int32]) -> list[NDArray[np.int64]]:
-    """Closed loops of the edges with one face, in the direction of that face."""
+    """Closed loops of the edges with one face, in the direction of that face.
+
+    No loop passes a vertex twice: where openings touch they are told apart.
+    """
     edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     span = int(edges.max(initial=0)) + 1
     forward, backward = edges[:, 0] * span + edges[:, 1], edges[:, 1] * span + edges[:, 0]
@@ -104,12 +112,18 @@ def boundary_loops(triangles: NDArray[np.int32]) -> list[NDArray[np.int64]]:
         following.setdefault(start, []).append(end)
     loops = []
     for start in sorted(following):
-        while following[start]:
-            loop, here = [], start
-            while following.get(here):
-                loop.append(here)
-                here = following[here].pop()
-            loops.append(np.array(loop, np.int64))
+        path, place = [start], {start: 0}
+        while following.get(path[-1]):
+            end = following[path[-1]].pop()
+            if end not in place:
+                place[end] = len(path)
+                path.append(end)
+                continue
+            at = place[end]
+            loops.append(np.array(path[at:], np.int64))
+            for vertex in path[at + 1 :]:
+                del place[vertex]
+            del path[at + 1 :]
     return loops
 
 
@@ -121,11 +135,17 @@ def _flat_axis(points: Point3) -> int | None:
 
 
 def _flat_caps(
-    vertices: Point3, loops: Sequence[NDArray[np.int64]], axis: int
-) -> list[NDArray[np.int64]]:
-    """Triangles over all loops in one plane, holes spared (ear clipping)."""
+    mesh: TriangleMesh, loops: Sequence[NDArray[np.int64]], axis: int
+) -> tuple[list[NDArray[np.int64]], list[NDArray[np.int64]]]:
+    """Triangles over all loops in one plane, holes spared (ear clipping).
+
+    Returns
+    -------
+    The caps, and the loops that ear clipping cannot close: those that cross themselves or
+    whose caps would run along an edge of the mesh.
+    """
     u, v = (axis + 1) % 3, (axis + 2) % 3
-    plane = [vertices[loop][:, [u, v]] for loop in loops]
+    plane = [mesh.vertices[loop][:, [u, v]] for loop in loops]
     area = [_signed_area(points) for points in plane]
     # Outlines and holes wind against each other; the widest loop is an outline.
     sign = np.sign(area[int(np.argmax(np.abs(area)))])
@@ -139,20 +159,89 @@ def _flat_caps(
             holes[min(around, key=lambda o: abs(area[o]))].append(k)
         else:
             holes[k] = []
-    caps = []
+    caps, unclosed = [], []
     for outline, inner in holes.items():
         rings = [outline, *inner]
         points = np.concatenate([plane[k] for k in rings])
         ends = np.cumsum([len(plane[k]) for k in rings]).astype(np.uint32)
         index = np.concatenate([loops[k] for k in rings])
-        corner = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
-        triangles = index[corner]
+        corner = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3).astype(np.int64)
         # The cap runs through each open edge against the face that is there.
         cap_area = sum(_signed_area(points[t]) for t in corner)
-        caps.append(
-            triangles if np.sign(cap_area) != np.sign(area[outline]) else triangles[:, ::-1]
-        )
-    return caps
+        if np.sign(cap_area) == np.sign(area[outline]):
+            corner = corner[:, ::-1]
+        following = np.arange(1, len(points) + 1)
+        following[ends - 1] = [0, *ends[:-1]]
+        closed = _through_every_point(points, corner, following)
+        if closed is None or _runs_along(index[closed], mesh.triangles):
+            unclosed += [loops[k] for k in rings]
+        else:
+            caps.append(index[closed])
+    return caps, unclosed
+
+
+def _runs_along(cap: NDArray[np.int64], triangles: NDArray[np.int32]) -> bool:
+    """Whether an edge of the mesh is also an edge between two triangles of its cap."""
+    touching = np.isin(triangles, cap).sum(axis=1) >= 2
+    there, here = _directed(triangles[touching].astype(np.int64)), _directed(cap)
+    return any((b, a) in here and ((a, b) in there or (b, a) in there) for a, b in here)
+
+
+def _through_every_point(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], following: NDArray[np.int64]
+) -> NDArray[np.int64] | None:
+    """Triangles split at the points that ear clipping passed over.
+
+    Ear clipping leaves out points in line with their neighbours; the faces beside the cap
+    would stay open there.
+
+    Parameters
+    ----------
+    points : (n, 2) of all rings.
+    triangles : (m, 3), running against the rings.
+    following : (n,) the next point on the ring of each.
+
+    Returns
+    -------
+    Triangles with every ring edge among theirs, or None where that is out of reach.
+    """
+    wanted = {(int(end), start) for start, end in enumerate(following)}
+    edges = _directed(triangles)
+    loose = {(a, b) for a, b in edges if (b, a) not in edges} - wanted
+    passed = np.unique(np.array([*wanted - edges.keys(), *loose], np.int64).reshape(-1))
+    between = {edge: _in_line(points, *edge, passed) for edge in loose}
+
+    def split(a: int, b: int, c: int) -> list[tuple[int, int, int]]:
+        for first, second, third in ((a, b, c), (b, c, a), (c, a, b)):
+            inner = between.get((first, second))
+            if inner:
+                path = [first, *inner, second]
+                pieces = [split(p, q, third) for p, q in pairwise(path)]
+                return [piece for part in pieces for piece in part]
+        return [(a, b, c)]
+
+    whole = [piece for a, b, c in triangles.tolist() for piece in split(a, b, c)]
+    result = np.array(whole, np.int64).reshape(-1, 3)
+    edges = _directed(result)
+    rim = {(a, b) for a, b in edges if (b, a) not in edges}
+    return result if rim == wanted and max(edges.values(), default=1) == 1 else None
+
+
+def _directed(triangles: NDArray[np.int64]) -> Counter[tuple[int, int]]:
+    """How often each directed edge occurs."""
+    pairs = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()
+    return Counter((a, b) for a, b in pairs)
+
+
+def _in_line(points: NDArray[np.float64], a: int, b: int, among: NDArray[np.int64]) -> list[int]:
+    """Those of ``among`` between points a and b and in line with them, from a to b."""
+    way, offset = points[b] - points[a], points[among] - points[a]
+    length = float(way @ way)
+    along = offset @ way
+    across = np.abs(offset[:, 0] * way[1] - offset[:, 1] * way[0])
+    inside = (along > 0) & (along < length) & (across <= 1e-12 * length) & (among != a)
+    inside &= among != b
+    return [int(k) for k in among[inside][np.argsort(along[inside])]]
 
 
 def _signed_area(points: NDArray[np.float64]) -> float:

@@ -54,6 +54,7 @@ def build_scan_report(
     overlap: Overlap | None = None,
     samples_per_scan: Mapping[str, int] | None = None,
     truth: TriangleMesh | None = None,
+    comparison: TruthComparison | None = None,
     reference_name: str = "known truth",
     citations: Sequence[str] = (),
     reproducibility: str = "",
@@ -89,6 +90,8 @@ def build_scan_report(
         scan name → number of samples used.
     truth
         known true surface in the frame of ``surface``.
+    comparison
+        with that truth, where it was made already.
     reference_name
         what the truth is, e.g. ``simulated statue``.
     citations
@@ -101,7 +104,8 @@ def build_scan_report(
         of each of the four views; the cover is half as wide again.
     """
     residuals = residuals or {}
-    comparison = None if truth is None else compare_to_truth(surface, truth)
+    if truth is not None and comparison is None:
+        comparison = compare_to_truth(surface, truth)
     sides = FourSides.of(surface, up, picture_width_px)
     metrics = record_sections.stage_metrics(records)
     sections = [
@@ -287,13 +291,16 @@ def _model_section(
         )
     if truth is not None:
         found = distance_to_surface(surface.vertices, truth)
+        deviation = signed_distances_m(found, truth)
+        # Infilled parts may be far off and would drown the scale of what was measured.
+        deviation[~measured_vertices(surface)] = np.nan
         blocks.append(
             sides.lengths(
                 "bar-truth",
-                signed_distances_m(found, truth),
+                deviation,
                 f"Deviation from the {reference_name}",
                 f"Red stands proud of the {reference_name}, blue lies below it.",
-                "unknown",
+                "infilled: not compared",
             )
         )
     return Section("The model", "", tuple(blocks))
