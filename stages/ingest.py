@@ -80,7 +80,9 @@ def run(job: Job[IngestOptions]) -> StageResult:
             "coordinates are already in one frame",
         )
     for scan in scans:
-        scan["world_from_scan"] = scan["world_from_scan"] or np.eye(4).tolist()
+        # Its coordinates are the world's, and were moved by the shift.
+        own = rigid(np.eye(3), scan["scan_shift_m"]).tolist()
+        scan["world_from_scan"] = scan["world_from_scan"] or own
     origin = project_origin(scans)
     products.save("scan_inventory", {"origin_m": origin, "scans": scans})
     products.remove_items_except("range_maps", {scan["name"] for scan in scans})
@@ -137,15 +139,12 @@ def _near_its_origin(scan: RangeMap) -> tuple[RangeMap, list[float]]:
     middle = np.round(np.median(scan.points_in_scan, axis=0))
     if np.abs(middle).max() < _FAR_FROM_ORIGIN_M:
         return scan, [0.0, 0.0, 0.0]
-    pose = np.eye(4) if scan.world_from_scan is None else scan.world_from_scan
-    viewpoint = scan.viewpoint_in_scan
+    pose, viewpoint = scan.world_from_scan, scan.viewpoint_in_scan
     moved = replace(
         scan,
         points_in_scan=scan.points_in_scan - middle,
         viewpoint_in_scan=None if viewpoint is None else viewpoint - middle,
-        world_from_scan=None
-        if scan.world_from_scan is None
-        else rigid(pose[:3, :3], apply(pose, middle)),
+        world_from_scan=None if pose is None else rigid(pose[:3, :3], apply(pose, middle)),
     )
     return moved, [float(v) for v in middle]
 

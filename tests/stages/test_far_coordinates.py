@@ -13,12 +13,13 @@ from workbench.verification.distances import distance_to_surface
 
 OFFSET = np.array([5e5, 5.2e6, 120.0])
 SCENE = ("--scene", "sphere", "--seed", "5", "--scans", "5")
+QUICK = ("--to", "export", "--set", "infill.depth=6")
 
 
 @pytest.fixture(scope="module")
 def near(simulated):
     project = simulated(*SCENE)
-    workbench("run", project, "--to", "export")
+    workbench("run", project, *QUICK)
     return read_surface(project / "exports" / "surface.ply"), project
 
 
@@ -32,7 +33,7 @@ def test_poses_far_away(near, simulated):
     expected, _ = near
     offset = ",".join(str(v) for v in OFFSET)
     project = simulated(*SCENE, "--set", f"world_offset_m=[{offset}]")
-    workbench("run", project, "--to", "export")
+    workbench("run", project, *QUICK)
     assert_same_surface(read_surface(project / "exports" / "surface.ply"), expected)
 
 
@@ -51,14 +52,8 @@ def test_samples_far_away_without_poses(near, tmp_path):
             }
             write_range_ply(tmp_path / folder / file, type(scan)(**{**vars(scan), **moved}))
         workbench("new", tmp_path / f"{folder}-project", "--scans", tmp_path / folder)
-        workbench(
-            "run",
-            tmp_path / f"{folder}-project",
-            "--to",
-            "export",
-            "--set",
-            "ingest.missing_pose=identity",
-        )
+        project = tmp_path / f"{folder}-project"
+        workbench("run", project, *QUICK, "--set", "ingest.missing_pose=identity")
     here = read_surface(tmp_path / "here-project" / "exports" / "surface.ply")
     there = read_surface(tmp_path / "there-project" / "exports" / "surface.ply")
     assert_same_surface(there, here)

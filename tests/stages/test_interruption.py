@@ -13,6 +13,9 @@ import pytest
 
 from tests.stages.conftest import workbench
 
+# Fine enough to take its time, coarse enough for a test.
+QUICK = ("--set", "infill.depth=6")
+
 
 def product_hashes(project: Path) -> dict[str, str]:
     """Path → hash of every product; records and the report hold times and are left out."""
@@ -31,7 +34,7 @@ def undisturbed(simulated):
     fresh = project.with_name("fresh")
     shutil.copytree(project, fresh)
     started = time.monotonic()
-    workbench("run", project, "--workers", "1")
+    workbench("run", project, *QUICK, "--workers", "1")
     return product_hashes(project), fresh, time.monotonic() - started
 
 
@@ -43,7 +46,7 @@ def test_ten_kills_at_random_moments_change_nothing(undisturbed, tmp_path):
     killed = 0
     for _ in range(10):
         run = subprocess.Popen(
-            [sys.executable, "-m", "stages.main", "run", str(project)],
+            [sys.executable, "-m", "stages.main", "run", str(project), *QUICK],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
@@ -54,7 +57,7 @@ def test_ten_kills_at_random_moments_change_nothing(undisturbed, tmp_path):
             killed += 1
         run.wait()
     assert killed >= 3
-    after = workbench("run", project)
+    after = workbench("run", project, *QUICK)
     assert {stage["action"] for stage in after["stages"]} <= {"run", "fresh"}
     assert product_hashes(project) == expected
     assert not list(project.rglob("*.partial"))
@@ -64,5 +67,5 @@ def test_two_workers_give_the_bytes_of_one(undisturbed, tmp_path):
     expected, fresh, _ = undisturbed
     project = tmp_path / "two"
     shutil.copytree(fresh, project)
-    workbench("run", project, "--workers", "2")
+    workbench("run", project, *QUICK, "--workers", "2")
     assert product_hashes(project) == expected

@@ -86,9 +86,7 @@ def test_every_loop_runs_with_its_faces() -> None:
     open_ball = ball.keep_triangles(keep)
     loops = boundary_loops(open_ball.triangles)
     edges = {
-        (a, b)
-        for t in open_ball.triangles.tolist()
-        for a, b in zip(t, t[1:] + t[:1], strict=True)
+        (a, b) for t in open_ball.triangles.tolist() for a, b in zip(t, t[1:] + t[:1], strict=True)
     }
     boundary = {(a, b) for a, b in edges if (b, a) not in edges}
     found = [

@@ -77,7 +77,7 @@ def test_development_divided_by_the_shading_is_the_albedo(
     # No bias, in dark paint as in bright: neighbourhoods wider than the demosaicing's reach.
     box = (9, 9, 1)
     wide = smooth_interior(photo, 6) & keep
-    light = uniform_filter(diffuse, box)
+    light = np.maximum(uniform_filter(diffuse, box), 1e-9)
     measured = (uniform_filter(level - photo.specular[..., None], box) / light)[wide]
     expected = (uniform_filter(albedo * diffuse, box) / light)[wide]
     for channel in range(3):

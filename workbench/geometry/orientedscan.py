@@ -91,7 +91,8 @@ def orient(scan: RangeMap, settings: OrientationSettings) -> OrientedScan:
             break
         # A step, not a mere hole: dropouts inside a surface do not make its rim suspect.
         alive = trusted & ~_beside_step(scan.points_in_scan, grid, spacing, settings)
-        grid = np.where((grid >= 0) & alive[grid], grid, -1).astype(np.int32)
+        # One more at the end, for the cells without a sample.
+        grid = np.where(np.append(alive, False)[grid], grid, -1).astype(np.int32)
     normals, cosine = _towards_viewpoint(scan, normals)
     trusted &= cosine >= np.cos(np.radians(settings.max_incidence_deg))
     index = np.flatnonzero(trusted)
@@ -164,8 +165,9 @@ def _orient_cloud(scan: RangeMap, settings: OrientationSettings) -> OrientedScan
         normals, cosine = _consistent(points, normals), np.ones(len(points))
     else:
         normals, cosine = _towards_viewpoint(scan, normals)
-    # The rim of a surface has its neighbours on one side.
-    border = np.linalg.norm(offsets.mean(axis=1), axis=1) > 0.5 * distance[:, -1]
+    # The rim of a surface has its neighbours on one side: in half a disc their middle lies
+    # 4 / 3π of the radius away.
+    border = np.linalg.norm(offsets.mean(axis=1), axis=1) > 0.3 * distance[:, -1]
     keep = flat & ~isolated & (cosine >= np.cos(np.radians(settings.max_incidence_deg)))
     index = np.flatnonzero(keep)
     return OrientedScan(

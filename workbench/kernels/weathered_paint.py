@@ -120,9 +120,15 @@ def object_paint(
                 thin = 0.70 + 0.30 * _step(survival, 0.0, 0.16)
                 fade = 0.5 + 0.5 * gradient_noise(x / 0.12, y / 0.12, z / 0.12, seed + 7)
                 stroke = gradient_noise(x / 0.0024, y / 0.0024, z / 0.015, seed + 8)
-                crack = abs(gradient_noise(x / 0.007, y / 0.007, z / 0.007, seed + 9))
-                tone = 1.0 + 0.30 * (fade - 0.5) + detail * 0.14 * stroke
-                tone *= 1.0 - 0.5 * detail * (1.0 - _step(crack, 0.02, 0.07))
+                crack = abs(gradient_noise(x / 0.0045, y / 0.0045, z / 0.0045, seed + 9))
+                pigment = gradient_noise(x / 0.0011, y / 0.0011, z / 0.0011, seed + 22)
+                tone = 1.0 + 0.30 * (fade - 0.5) + detail * (0.14 * stroke + 0.13 * pigment)
+                # Old paint crackles in patches, and the lines open and close.
+                crackled = detail * _step(fade + 0.5 * stroke + 0.4 * chips, 0.35, 0.85)
+                tone *= 1.0 - 0.45 * crackled * (1.0 - _step(crack, 0.01, 0.09))
+                tone *= 1.0 - detail * 0.5 * pit_depth(
+                    x / 0.006, y / 0.006, z / 0.006, 0.5, seed + 23
+                )
                 share = cover * thin
                 # Old paint lets the stone shine through and takes on its warm grey.
                 pale = 0.16 + 0.22 * fade

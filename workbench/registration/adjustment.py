@@ -26,6 +26,10 @@ from workbench.registration.freedom import Freedom, freedom_in_words, told_apart
 
 _TUKEY = 4.685  # 95 % efficient on Gaussian residuals
 _MAD_TO_SIGMA = 1.4826
+_ASKED_TWICE = 2.0
+# Matching may end in a cycle of a few states. Steps that no longer shrink, this far below
+# what noise does to the poses, are at rest.
+_CALM_SIGMAS, _CALM_ROUNDS = 0.25, 3
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,8 @@ class AdjustmentSettings:
     search_m : how far matches may lie apart at first; None takes 3 % of the scene.
     min_overlap : pairs that share less are not adjusted to each other.
     max_rounds : matching rounds at most.
-    tolerance : stop when no sample moves more than this share of the sample spacing.
+    tolerance : stop when no sample moves more than this share of the sample spacing, or no
+        less than before and far less than noise explains.
     """
 
     samples_per_scan: int = 6000
@@ -136,16 +141,23 @@ def adjust(
     before = _residuals(_match_all(fine, graph, poses, search))
     system: _System | None = None
     coarse_phase, rounds, converged = True, 0, False
+    least_moved, stalled = np.inf, 0
     while graph.pairs and rounds < settings.max_rounds and not converged:
         found = _match_all(matcher if coarse_phase else fine, graph, poses, search)
         system = _System(found, scans, poses, anchor, radius)
-        moved = system.step(poses)
+        moved, sigmas = system.step(poses)
         rounds += 1
         on_round(rounds)
         at_floor = search <= floor
         search = max(floor, min(0.8 * search, 4.0 * system.median_distance_m))
-        if at_floor and moved < (0.05 if coarse_phase else settings.tolerance) * spacing:
+        if not at_floor:
+            continue
+        stalled = 0 if moved < 0.9 * least_moved else stalled + 1
+        least_moved = min(moved, least_moved)
+        at_rest = moved < (0.05 if coarse_phase else settings.tolerance) * spacing
+        if at_rest or (sigmas < _CALM_SIGMAS and stalled >= _CALM_ROUNDS):
             converged, coarse_phase = not coarse_phase, False
+            least_moved, stalled = np.inf, 0
     final = overlap_graph(fine, poses, floor, settings.min_overlap)
     matches = _match_all(fine, final, poses, floor)
     after = _residuals(matches)
@@ -255,21 +267,29 @@ class _System:
         shares, motions = eigh(self.matrix[among], space + ridge * np.eye(len(space)))
         return shares, motions, unconstrained(shares, self._squared_angle)
 
-    def step(self, poses: list[Matrix4]) -> float:
-        """Move the scans; returns the largest motion of any unknown, metres."""
+    def step(self, poses: list[Matrix4]) -> tuple[float, float]:
+        """Move the scans.
+
+        Returns
+        -------
+        The largest motion of any unknown in metres, and in standard deviations of its motion.
+        """
         if not len(self._free):
-            return 0.0
+            return 0.0, 0.0
         shares, motions, loose = self.spectrum()
         held = motions[:, ~loose]
         inner = -(held.T @ self._gradient[self._free]) / shares[~loose]
         change = np.zeros(self.matrix.shape[0])
         change[self._free] = held @ inner
         for k, part in enumerate(change.reshape(-1, 6)):
+            if k == self._anchor:
+                continue
             turn = from_twist([*(part[:3] / self._radius), 0.0, 0.0, 0.0])
             centre = self._centres[k]
             about = from_twist([0, 0, 0, *(centre + part[3:])]) @ turn
             poses[k] = nearest_rigid(about @ from_twist([0, 0, 0, *(-centre)]) @ poses[k])
-        return float(np.abs(change).max(initial=0.0))
+        sigmas = np.abs(inner) * np.sqrt(shares[~loose]) / self.sigma_m
+        return float(np.abs(change).max(initial=0.0)), float(sigmas.max(initial=0.0))
 
     def full_vectors(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
         """Columns over the free unknowns with zeros for the anchor."""
@@ -278,11 +298,16 @@ class _System:
         return full
 
     def covariance(self) -> NDArray[np.float64]:
-        """(n, 6, 6) σ² times the inverse over the constrained directions, rad and metres."""
+        """(n, 6, 6) σ² times the inverse over the constrained directions, rad and metres.
+
+        Doubled, for every pair of scans is asked from both sides: most matches are there
+        twice with the same two samples and the same error.
+        """
         shares, motions, loose = self.spectrum()
         held = motions[:, ~loose]
+        variance = (held / shares[~loose]) @ held.T * self.sigma_m**2
         full = np.zeros_like(self.matrix)
-        full[np.ix_(self._free, self._free)] = (held / shares[~loose]) @ held.T * self.sigma_m**2
+        full[np.ix_(self._free, self._free)] = _ASKED_TWICE * variance
         scale = np.array([1 / self._radius] * 3 + [1.0] * 3)
         n = len(full) // 6
         blocks = full.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]

@@ -1,9 +1,9 @@
 """Moving a reconstructed surface onto the samples it was made from.
 
-Poisson's octree smooths detail finer than its cells. One more level halves the error and
-takes four times as long; moving the vertices onto the implicit surface that the nearest
-samples' tangent planes define does the same in a second and leaves the triangles as they
-are, so what was closed stays closed. (Shen et al. 2004 and Kolluri 2005: implicit moving
+Poisson's octree smooths detail finer than its cells, and one more level takes four times as
+long. Moving the vertices onto the implicit surface that the nearest samples' tangent planes
+define takes a second, buys about as much, and leaves the triangles as they are, so what was
+closed stays closed. (Shen et al. 2004 and Kolluri 2005: implicit moving
 least squares.)
 """
 
