@@ -34,8 +34,8 @@ class InfillOptions(StageOptions):
         2,
         ge=0,
         le=10,
-        description="Moves of the vertices onto the samples' own surface; 2 take a third off the error of "
-        "the octree in about a second (Shen et al. 2004).",
+        description="Moves of the vertices onto the samples' own surface; 2 take a third off the "
+        "error of the octree in about a second (Shen et al. 2004).",
     )
     reach_factor: float = Field(
         1.0,

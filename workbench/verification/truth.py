@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.neighbours import nearest
 from workbench.metrics import Metric
 from workbench.render.palette import MEASURED
 from workbench.verification.distances import (
@@ -96,24 +97,21 @@ class InfillFlagging:
     measured_seen, infilled_unseen : flagged rightly.
     measured_unseen : passes for measured and was not: the error that must not happen.
     infilled_seen : flagged as infilled though a scan saw it: caution, not falsehood.
+    seen_flagged : of the true surface that was seen, the share flagged as infilled. Counted
+        on the truth, where surface that was made up does not enter.
     """
 
     measured_seen: float
     measured_unseen: float
     infilled_unseen: float
     infilled_seen: float
+    seen_flagged: float
 
     @property
     def recall(self) -> float:
         """Share of the unseen area that is flagged as infilled; 1 when all was seen."""
         unseen = self.infilled_unseen + self.measured_unseen
         return self.infilled_unseen / unseen if unseen else 1.0
-
-    @property
-    def flagged_share_of_seen(self) -> float:
-        """Share of the seen area that is flagged as infilled; 0 when nothing was seen."""
-        seen = self.measured_seen + self.infilled_seen
-        return self.infilled_seen / seen if seen else 0.0
 
     @property
     def precision(self) -> float:
@@ -132,9 +130,9 @@ class InfillFlagging:
             ),
             Metric(
                 "seen_flagged_infilled",
-                100 * self.flagged_share_of_seen,
+                100 * self.seen_flagged,
                 "%",
-                "Share of the surface that some scan saw and that is flagged as infilled.",
+                "Share of the true surface some scan saw whose place is flagged as infilled.",
             ),
             Metric(
                 "infill_flag_recall",
@@ -242,17 +240,29 @@ def infill_flagging(
     points, triangle, barycentric = sample_surface(surface, samples, seed)
     measured = measured_vertices(surface)[nearest_corners(surface, triangle, barycentric)]
     places = points + distance_to_surface(points, truth).offset
-    if len(hits):
-        distance, _ = cKDTree(hits).query(places, distance_upper_bound=reach_m, workers=-1)
-        was_seen = np.isfinite(distance)
-    else:
-        was_seen = np.zeros(len(points), bool)
+    was_seen = _near_hits(places, hits, reach_m)
+    true_points, _, _ = sample_surface(truth, samples, seed + 1)
+    true_points = true_points[_near_hits(true_points, hits, reach_m)]
+    flagged = 0.0
+    if len(true_points):
+        back = distance_to_surface(true_points, surface)
+        flagged = float((~measured_vertices(surface))[back.nearest_vertex(surface)].mean())
     return InfillFlagging(
         measured_seen=float((measured & was_seen).mean()),
         measured_unseen=float((measured & ~was_seen).mean()),
         infilled_unseen=float((~measured & ~was_seen).mean()),
         infilled_seen=float((~measured & was_seen).mean()),
+        seen_flagged=flagged,
     )
+
+
+def _near_hits(
+    points: NDArray[np.float64], hits: NDArray[np.float64], reach_m: float
+) -> NDArray[np.bool_]:
+    if not len(hits):
+        return np.zeros(len(points), bool)
+    distance, _ = nearest(cKDTree(hits), points, reach_m)
+    return np.isfinite(distance)
 
 
 def measured_vertices(mesh: TriangleMesh) -> NDArray[np.bool_]:
