@@ -17,7 +17,7 @@ from workbench.geometry.samples import Samples
 MEASURED, INFILLED = 0, 1
 PHOTOGRAPHED, INPAINTED, UNCOLORED = 0, 1, 2
 _NEIGHBOURS = 6
-_LEAST_COSINE = 0.6
+_LEAST_COSINE = 0.5
 # Height over a sample's tangent plane, relative to its reach, that curvature explains.
 _PLANE_TOLERANCE = 0.25
 
@@ -47,7 +47,7 @@ def support_of(
     """Tell measured from infilled vertices.
 
     A vertex is measured where one of its closest samples lies within that sample's own
-    reach (``radius_m`` times ``reach_factor``), faces within 53° of the same way, and has
+    reach (``radius_m`` times ``reach_factor``), faces within 60° of the same way, and has
     the vertex near its tangent plane. The back of a thin wall, the wall of a crevice and the
     web that closes a gap are close to samples and yet not measured by them.
     """

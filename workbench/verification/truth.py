@@ -233,7 +233,7 @@ def infill_flagging(
     hits
         (k, 3) float64, where beams of the scanner met the truth, free of noise, same frame.
     reach_m
-        how far around itself a hit shows the surface: about one sample distance.
+        how far around itself a hit shows the surface: half the diagonal of the sample grid.
     samples, seed
         of the surface samples.
     """
