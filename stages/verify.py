@@ -166,10 +166,9 @@ def _truth(
         model_from_local = poses.estimate_from_truth @ rigid(np.eye(3), arrays["origin"] - origin)
         truth = TriangleMesh(apply(model_from_local, arrays["vertices"]), arrays["triangles"])
         hits = apply(model_from_local, _true_hits(job))
-        # Between four neighbouring samples no place is further than this from one of them.
-        reach = np.sqrt(0.5) * products.load("simulation")["nominal_sample_spacing_m"]
+        spacing = products.load("simulation")["nominal_sample_spacing_m"]
         compared = compare_to_truth(surface, truth, samples=job.options.samples)
-        flagged = infill_flagging(surface, truth, hits, reach, samples=job.options.samples)
+        flagged = infill_flagging(surface, truth, hits, spacing, samples=job.options.samples)
         metrics = poses.metrics() + compared.metrics() + flagged.metrics()
         return truth, compared, "simulated truth", metrics
     paths = products.input_paths("reference_file")

@@ -102,9 +102,9 @@ def test_flags_are_weighed_against_what_was_seen():
     hits = truth.vertices[x < 0.2]  # 70 % of the area
     surface = truth.with_attributes(provenance=(x > 0.3).astype(np.uint8))  # flags 20 %
     flags = infill_flagging(surface, truth, hits, 0.02, samples=40_000)
-    # Vertices own half a cell (0.0125) beyond them.
+    # Vertices own half a cell (0.0125) beyond them; a rim of 1.5 spacings is left undecided.
     assert flags.infilled_unseen == pytest.approx(0.2, abs=0.015)
-    assert flags.measured_unseen == pytest.approx(0.1, abs=0.015)
+    assert flags.measured_unseen == pytest.approx(0.1 + 0.0125 - 0.03, abs=0.01)
     assert flags.infilled_seen == 0
     assert flags.seen_flagged == 0
     cautious = truth.with_attributes(provenance=(x > 0).astype(np.uint8))  # flags half

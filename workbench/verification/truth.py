@@ -25,6 +25,10 @@ from workbench.verification.quantities import round_up_125
 # Shares of the truth's bounding-box diagonal at which completeness is told by default.
 _DEFAULT_THRESHOLDS = (2e-4, 5e-4, 1e-3, 2e-3)
 
+# In sample distances: the half diagonal of the grid, and beyond the rim of what it covers.
+_SEEN_WITHIN = 0.5**0.5
+_UNSEEN_BEYOND = 1.5
+
 
 @dataclass(frozen=True)
 class TruthComparison:
@@ -214,15 +218,17 @@ def infill_flagging(
     surface: TriangleMesh,
     truth: TriangleMesh,
     hits: NDArray[np.float64],
-    reach_m: float,
+    spacing_m: float,
     *,
     samples: int = 200_000,
     seed: int = 0,
 ) -> InfillFlagging:
     """Compare the surface's ``provenance`` with what the scans really saw of the truth.
 
-    A place of the surface was seen when a true hit lies within ``reach_m`` of the point of
-    the truth closest to it.
+    A place was seen when a true hit lies within half the diagonal of the sample grid of the
+    point of the truth closest to it: between four neighbouring samples no place is further.
+    It was not seen when no hit lies within one and a half sample distances. What lies between
+    is the rim, where either flag is right.
 
     Parameters
     ----------
@@ -232,25 +238,26 @@ def infill_flagging(
         in the frame of the surface.
     hits
         (k, 3) float64, where beams of the scanner met the truth, free of noise, same frame.
-    reach_m
-        how far around itself a hit shows the surface: half the diagonal of the sample grid.
+    spacing_m
+        distance between neighbouring samples on the surface.
     samples, seed
         of the surface samples.
     """
     points, triangle, barycentric = sample_surface(surface, samples, seed)
     measured = measured_vertices(surface)[nearest_corners(surface, triangle, barycentric)]
     places = points + distance_to_surface(points, truth).offset
-    was_seen = _near_hits(places, hits, reach_m)
+    was_seen = _near_hits(places, hits, _SEEN_WITHIN * spacing_m)
+    was_unseen = ~_near_hits(places, hits, _UNSEEN_BEYOND * spacing_m)
     true_points, _, _ = sample_surface(truth, samples, seed + 1)
-    true_points = true_points[_near_hits(true_points, hits, reach_m)]
+    true_points = true_points[_near_hits(true_points, hits, _SEEN_WITHIN * spacing_m)]
     flagged = 0.0
     if len(true_points):
         back = distance_to_surface(true_points, surface)
         flagged = float((~measured_vertices(surface))[back.nearest_vertex(surface)].mean())
     return InfillFlagging(
         measured_seen=float((measured & was_seen).mean()),
-        measured_unseen=float((measured & ~was_seen).mean()),
-        infilled_unseen=float((~measured & ~was_seen).mean()),
+        measured_unseen=float((measured & was_unseen).mean()),
+        infilled_unseen=float((~measured & was_unseen).mean()),
         infilled_seen=float((~measured & was_seen).mean()),
         seen_flagged=flagged,
     )
