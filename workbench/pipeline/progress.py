@@ -44,7 +44,7 @@ class Step:
 
     def text(self, now: float) -> str:
         """``label 3/10, about 12 s to go``."""
-        count = f" {self._done}/{self._total}" if self._total else ""
+        count = f" {self._done}/{self._total}" if self._total else f" {self._done}"
         eta = self.eta_seconds(now)
         return f"{self._label}{count}" + (f", about {format_seconds(eta)} to go" if eta else "")
 
