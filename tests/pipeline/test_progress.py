@@ -46,7 +46,7 @@ def test_no_time_to_go_is_told_before_it_can_be_known(clock):
     unknown = Step(Progress(io.StringIO()), "scans", None)
     clock.now += 60
     unknown.advance(50)
-    assert unknown.text(clock.now) == "scans"
+    assert unknown.text(clock.now) == "scans 50"
 
 
 def test_what_was_kept_does_not_make_the_rest_look_quick(clock):
