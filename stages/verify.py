@@ -79,7 +79,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
             project_name=products.project_name,
             date=utc_now(),
             up=options.up,
-            **_registration(job),
+            **_measured(job, surface),
             truth=truth,
             comparison=comparison,
             reference_name=name,
@@ -131,19 +131,23 @@ def _exported(job: Job[VerifyOptions]) -> tuple[list[Metric], list[str]]:
     return metrics, []
 
 
-def _registration(job: Job[VerifyOptions]) -> dict[str, Any]:
+def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
     """Residuals, overlap and samples per scan, as far as they are there."""
+    from workbench.verification.distances import distance_to_surface
+
     products = job.products
     registration, samples = (
         products.load_if_there("registration"),
         products.load_if_there("samples"),
     )
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = {"residuals": {}}
     names = list(products.items("oriented_scans"))
     if registration is not None and len(registration["before_m"]):
-        found["residuals"] = {k: registration[k] for k in ("before_m", "after_m")}
+        found["residuals"] |= {k: registration[k] for k in ("before_m", "after_m")}
         found["overlap"] = (names, registration["overlap"])
     if samples is not None:
+        apart = distance_to_surface(samples["points"], surface).distance_m
+        found["residuals"]["samples_to_surface_m"] = apart
         count = np.bincount(samples["scan"], minlength=len(names))
         found["samples_per_scan"] = dict(zip(names, count.tolist(), strict=True))
     return found
