@@ -41,6 +41,9 @@ class VerifyOptions(StageOptions):
     """Options of ``verify``."""
 
     up: Literal["x", "y", "z"] = Field("z", description="The vertical axis of the pictures.")
+    front_deg: float = Field(
+        0.0, ge=-360.0, le=360.0, description="Turn about the vertical that shows the front."
+    )
     picture_width_px: int = Field(460, ge=120, le=4000, description="Width of each picture.")
     samples: int = Field(
         200_000, ge=1000, le=50_000_000, description="Surface samples for the comparisons."
@@ -79,6 +82,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
             project_name=products.project_name,
             date=utc_now(),
             up=options.up,
+            front_deg=options.front_deg,
             **_measured(job, surface),
             truth=truth,
             comparison=comparison,

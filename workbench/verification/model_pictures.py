@@ -39,8 +39,13 @@ class FourSides:
     cover_camera: Camera
 
     @classmethod
-    def of(cls, mesh: TriangleMesh, up: UpAxis, width_px: int = 460) -> FourSides:
-        """Frame the mesh; pictures are ``width_px`` wide and as tall as its shape asks for."""
+    def of(
+        cls, mesh: TriangleMesh, up: UpAxis, width_px: int = 460, front_deg: float = 0.0
+    ) -> FourSides:
+        """Frame the mesh; pictures are ``width_px`` wide and as tall as its shape asks for.
+
+        ``front_deg`` is the azimuth the front is seen from.
+        """
         vertices = mesh.vertices[np.unique(mesh.triangles)]
         # A few thousand points frame as well as millions.
         vertices = vertices[:: max(1, len(vertices) // 20_000)]
@@ -49,10 +54,17 @@ class FourSides:
         across = float(np.delete(extent, vertical).max()) or 1.0
         ratio = float(np.clip((extent[vertical] + 0.25 * across) / across, 0.6, 1.7))
         cameras = orbit_cameras(
-            vertices, list(SIDES.values()), _ELEVATION_DEG, width_px, round(width_px * ratio), up=up
+            vertices,
+            [front_deg + side for side in SIDES.values()],
+            _ELEVATION_DEG,
+            width_px,
+            round(width_px * ratio),
+            up=up,
         )
         cover_width = round(1.5 * width_px)
-        cover = orbit_camera(vertices, 30.0, 18.0, cover_width, round(cover_width * ratio), up=up)
+        cover = orbit_camera(
+            vertices, front_deg + 30.0, 18.0, cover_width, round(cover_width * ratio), up=up
+        )
         scene = RayScene.of(mesh)
         views = (View.of(scene, camera, ambient_rays=_AMBIENT_RAYS) for camera in cameras)
         return cls(scene, dict(zip(SIDES, views, strict=True)), cover)

@@ -50,6 +50,7 @@ def build_scan_report(
     project_name: str,
     date: str,
     up: UpAxis = "z",
+    front_deg: float = 0.0,
     residuals: Mapping[str, ArrayLike] | None = None,
     overlap: Overlap | None = None,
     samples_per_scan: Mapping[str, int] | None = None,
@@ -80,6 +81,8 @@ def build_scan_report(
         of the run, ISO 8601.
     up
         the axis that is vertical.
+    front_deg
+        the azimuth the front is seen from.
     residuals
         name → (k,) distances in metres; ``before_m`` and ``after_m`` are those
         between overlapping scans before and after registration, ``samples_to_surface_m``
@@ -106,7 +109,7 @@ def build_scan_report(
     residuals = residuals or {}
     if truth is not None and comparison is None:
         comparison = compare_to_truth(surface, truth)
-    sides = FourSides.of(surface, up, picture_width_px)
+    sides = FourSides.of(surface, up, picture_width_px, front_deg)
     metrics = record_sections.stage_metrics(records)
     sections = [
         _summary_section(surface, residuals, comparison, reference_name, records),
