@@ -89,7 +89,7 @@ def test_noise_on_the_statue_agrees_with_the_options(statue_scans: list[Simulate
         good = ~truth.is_mixed & ~truth.is_stray
         ranges = np.linalg.norm(truth.points_in_scan, axis=1)
         hits = np.linalg.norm(truth.true_points_in_scan, axis=1)
-        sigma = 0.0002 * (hits / 1.5) ** 2
+        sigma = 0.0005 * (hits / 1.5) ** 2
         assert np.std((ranges - hits)[good] / sigma[good]) == pytest.approx(1.0, rel=0.05)
 
 

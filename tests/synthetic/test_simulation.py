@@ -153,8 +153,9 @@ def test_faulty_scans_stay_within_noise_and_footprint_of_the_surface(
     gap = distance_to_triangles(
         points, statue_scene.surface.vertices, statue_scene.surface.triangles
     )
-    assert 5e-5 < np.sqrt(np.mean(gap**2)) < 3e-4
-    assert gap.max() < 1.5e-3
+    # Noise of 0.5 mm at the stand-off, and what the tilt and the footprint add.
+    assert 1.25e-4 < np.sqrt(np.mean(gap**2)) < 7.5e-4
+    assert gap.max() < 3.75e-3
 
 
 @pytest.mark.parametrize("offset", [(5e5, 5.2e6, 120.0)])

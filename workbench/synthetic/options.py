@@ -31,7 +31,7 @@ class ScannerOptions(BaseModel):
         default=34.0, gt=0.1, lt=360.0, description="Field of view, width."
     )
     depth_sigma_m: float = Field(
-        default=0.0002,
+        default=0.0005,
         ge=0.0,
         le=1.0,
         description="Range noise along the ray at the reference distance.",

@@ -11,6 +11,8 @@ _BUILDING_GRID = {"small": (225, 330), "medium": (610, 900), "large": (1220, 180
 _STATUE_SIGMA_M = {"small": 0.0005, "medium": 0.0003, "large": 0.0002}
 _SQUARE_GRID = {"small": (200, 200), "medium": (450, 450), "large": (900, 900)}
 
+# The analytic shapes are small and scanned closely.
+_FINE = {"depth_sigma_m": 0.0002}
 _SCANNER: dict[str, dict[str, Any]] = {
     "statue": {},
     "building": {
@@ -26,13 +28,29 @@ _SCANNER: dict[str, dict[str, Any]] = {
         "min_range_m": 0.5,
         "max_range_m": 60.0,
     },
-    "plane": {"vertical_fov_deg": 40.0, "horizontal_fov_deg": 40.0, "reference_distance_m": 1.0},
-    "sphere": {"vertical_fov_deg": 44.0, "horizontal_fov_deg": 44.0, "reference_distance_m": 1.0},
-    "cylinder": {"vertical_fov_deg": 40.0, "horizontal_fov_deg": 24.0, "reference_distance_m": 1.0},
+    "plane": {
+        "vertical_fov_deg": 40.0,
+        "horizontal_fov_deg": 40.0,
+        "reference_distance_m": 1.0,
+        **_FINE,
+    },
+    "sphere": {
+        "vertical_fov_deg": 44.0,
+        "horizontal_fov_deg": 44.0,
+        "reference_distance_m": 1.0,
+        **_FINE,
+    },
+    "cylinder": {
+        "vertical_fov_deg": 40.0,
+        "horizontal_fov_deg": 24.0,
+        "reference_distance_m": 1.0,
+        **_FINE,
+    },
     "thin-sheet": {
         "vertical_fov_deg": 44.0,
         "horizontal_fov_deg": 44.0,
         "reference_distance_m": 1.0,
+        **_FINE,
         "mixed_step_min_m": 0.003,
     },
 }
