@@ -38,18 +38,20 @@ def test_registration_recovers_the_poses_to_a_fraction_of_the_spacing(statue):
 
 def test_little_of_what_was_seen_is_flagged_and_nothing_unsupported_passes(statue):
     assert metrics_of(statue, "verify")["seen_flagged_infilled"] <= 2.0
-    # Counted apart from the workbench: raw samples at the poses it found, each with the
-    # distance to its fourth neighbour in its own scan. A vertex further than twice that from
-    # all samples around it rests on nothing.
+    # Counted apart from the workbench: raw samples at the poses it found, each with its own
+    # sample distance. A vertex further than one and a half of that from all samples around
+    # it rests on nothing.
     poses = json.loads((statue / "work" / "register" / "scan_poses.json").read_text())["scans"]
     raw, spacing = [], []
     for name in poses:
         with np.load(statue / "work" / "ingest" / "range_maps" / f"{name}.npz") as scan:
             points = scan["points_in_scan"]
         raw.append(apply(np.array(poses[name]["world_from_scan"]), points))
-        spacing.append(cKDTree(points).query(points, k=5, workers=-1)[0][:, 4])
+        apart = cKDTree(points).query(points, k=5, workers=-1)[0]
+        # The fourth neighbour, unless it lies across a silhouette.
+        spacing.append(np.minimum(apart[:, 4], 1.5 * apart[:, 1]))
     model = read_surface(statue / "exports" / "surface.ply")
     distance, index = cKDTree(np.concatenate(raw)).query(model.vertices, k=12, workers=-1)
-    unsupported = (distance > 2.0 * np.concatenate(spacing)[index]).all(axis=1)
-    assert unsupported.sum() > 100
+    unsupported = (distance > 1.5 * np.concatenate(spacing)[index]).all(axis=1)
+    assert unsupported.sum() > 50
     assert (model.vertex_attributes["provenance"][unsupported] == 1).all()
