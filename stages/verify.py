@@ -145,7 +145,9 @@ def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
         products.load_if_there("samples"),
     )
     found: dict[str, Any] = {"residuals": {}}
-    names = list(products.items("oriented_scans"))
+    inventory = products.load_if_there("scan_inventory")
+    # The order of the inventory is that of the overlap matrix and of the samples' owners.
+    names = [entry["name"] for entry in inventory["scans"]] if inventory else []
     if registration is not None and len(registration["before_m"]):
         found["residuals"] |= {k: registration[k] for k in ("before_m", "after_m")}
         found["overlap"] = (names, registration["overlap"])
@@ -221,7 +223,6 @@ VERIFY = Stage[Any](
         "scan_inventory",
         "scan_poses",
         "registration",
-        "oriented_scans",
         "samples",
         "surface",
         "surface_ply",
