@@ -10,7 +10,7 @@ SYSTEM_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6
 
 demo: setup
 	rm -rf $(DEMO)
-	$(BIN)/workbench simulate $(DEMO) --scene statue --seed 7 --size small
+	$(BIN)/workbench simulate $(DEMO) --scene statue --seed 7 --size small --photos 12
 	$(BIN)/workbench run $(DEMO) --set verify.front_deg=180
 	@echo "The report is in $(CURDIR)/$(DEMO)/report/report.html"
 

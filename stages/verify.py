@@ -21,6 +21,7 @@ from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
 
 if TYPE_CHECKING:
+    from workbench.verification.report_content import Section
     from workbench.verification.truth import TruthComparison
 
 _CITATIONS = (
@@ -35,6 +36,9 @@ _REPRODUCIBILITY = (
     "takes about 0.55 of the time and gives other bytes in every run. The records in work/ "
     "hold the hash of every input and product."
 )
+
+
+_TRUTHS_SHOWN = 2
 
 
 class VerifyOptions(StageOptions):
@@ -75,6 +79,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     records = [products.load("records", item) for item in _in_order(job)]
     records += [{"stage": s, "state": "left out", "reason": r} for s, r in job.left_out.items()]
     own = {"stage": "verify", "metrics": [m.as_dict() for m in metrics], "warnings": warnings}
+    photographs, unread = _photographs(job, records)
+    warnings += unread
     with job.progress.step("pictures and plots"):
         content = build_scan_report(
             [*records, own],
@@ -87,6 +93,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
             truth=truth,
             comparison=comparison,
             reference_name=name,
+            further_sections=photographs,
             citations=_CITATIONS,
             reproducibility=_REPRODUCIBILITY,
             picture_width_px=options.picture_width_px,
@@ -214,6 +221,37 @@ def _true_hits(job: Job[VerifyOptions]) -> NDArray[np.float64]:
     return np.concatenate(hits)
 
 
+def _photographs(
+    job: Job[VerifyOptions], records: list[dict[str, Any]]
+) -> tuple[tuple[Section, ...], list[str]]:
+    """The section on the photographs, where there are any, and warnings."""
+    from workbench.verification.photo_sections import PhotoTruth, evenly_chosen, photographs_section
+
+    products, paths = job.products, job.products.input_paths("photo_files")
+    if not paths:
+        return (), []
+    names = {path.name for path in paths}
+    used_by = [
+        record["stage"]
+        for record in records
+        if any(Path(entry["path"]).name in names for entry in record.get("inputs", ()))
+    ]
+    masked = set(products.items("truth_object"))
+    truths = [
+        PhotoTruth(
+            photo,
+            products.load_if_there("truth_albedo", photo.stem),
+            *(
+                products.load(name, photo.stem)
+                for name in ("truth_object", "truth_support", "truth_shadow")
+            ),
+        )
+        for photo in evenly_chosen([path for path in paths if path.stem in masked], _TRUTHS_SHOWN)
+    ]
+    section, warnings = photographs_section(paths, used_by, truths)
+    return (section,), warnings
+
+
 VERIFY = Stage[Any](
     name="verify",
     version=1,
@@ -227,16 +265,21 @@ VERIFY = Stage[Any](
         "surface",
         "surface_ply",
         "reference_file",
+        "photo_files",
         "records",
         "truth_surface",
         "truth_poses",
         "truth_samples",
         "simulation",
+        "truth_albedo",
+        "truth_object",
+        "truth_support",
+        "truth_shadow",
     ),
     writes=("report_html", "report_json", "provenance"),
     needed=needed,
     run=run,
-    libraries=("numpy", "scipy", "open3d", "matplotlib"),
+    libraries=("numpy", "scipy", "open3d", "matplotlib", "rawpy"),
     estimate=estimate,
     reads_truth=True,
 )

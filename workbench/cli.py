@@ -181,27 +181,43 @@ def _add_tool_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         scene: Annotated[str, typer.Option(help="What is simulated.")] = "statue",
         seed: Annotated[int, typer.Option(min=0, help="Same seed, same bytes.")] = 0,
         scans: Annotated[int | None, typer.Option(min=1, help="How many scans.")] = None,
+        photos: Annotated[
+            int | None, typer.Option(min=0, help="How many RAW flash photographs; else none.")
+        ] = None,
         size: Annotated[str, typer.Option(help="small, medium or large.")] = "small",
         preset: Annotated[str | None, typer.Option(help="Preset of the project.")] = None,
         settings: Annotated[
-            list[str] | None, typer.Option("--set", metavar="OPTION=VALUE", help="Such as scans=5.")
+            list[str] | None,
+            typer.Option("--set", metavar="OPTION=VALUE", help="Such as photos.flash.mode=ttl."),
         ] = None,
+        workers: WorkersOption = None,
+        cluster: ClusterOption = None,
         as_json: JsonOption = False,
     ) -> Answer:
-        """A project whose truth is known: scans, coarse poses and ``truth/``."""
+        """A project whose truth is known: scans, coarse poses, photographs and ``truth/``."""
+        from workbench.pipeline.cluster import mapper_at
         from workbench.project.simulated import simulate_project
 
+        progress = Progress()
         made = simulate_project(
             out,
-            given={"scene": scene, "seed": seed, "scans": scans, "size": size},
+            given={"scene": scene, "seed": seed, "scans": scans, "size": size, "photos": photos},
             settings=settings or (),
             preset=preset,
-            progress=Progress(),
+            progress=progress,
+            workers=workers,
+            elsewhere=mapper_at(cluster, ("numpy", "open3d"), progress) if cluster else None,
         )
         found = made.scene()
+        pictures = f", {photos} photographs and the charts" if photos else ""
         return Answer(
-            {"project": str(out), "truth": str(out / "truth"), "scans": found.scans},
-            f"{out}: {found.scans} simulated scans. Next: workbench run {out}",
+            {
+                "project": str(out),
+                "truth": str(out / "truth"),
+                "scans": found.scans,
+                "photos": photos or 0,
+            },
+            f"{out}: {found.scans} simulated scans{pictures}. Next: workbench run {out}",
         )
 
     @app.command(rich_help_panel="Tools")

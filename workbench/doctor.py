@@ -46,6 +46,7 @@ _MODULES = (
     ("distributed", "distributed", "several workers"),
     ("matplotlib", "matplotlib", "plots of the report"),
     ("trimesh", "trimesh", "OBJ, GLB and STL surfaces"),
+    ("rawpy", "rawpy", "RAW photographs"),
 )
 
 # Python alone: where they are installed, they import.

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from workbench.errors import InputError, WorkbenchError
 from workbench.pipeline.records import library_versions
-from workbench.project.project import PROJECT_FILE
 
 if TYPE_CHECKING:
     from workbench.pipeline.progress import Progress
@@ -44,9 +43,14 @@ def local_cluster(workers: int) -> Iterator[Any]:
 
 @contextmanager
 def the_cluster_at(
-    address: str, root: Path, libraries: tuple[str, ...], progress: Progress
+    address: str, witness: Path, libraries: tuple[str, ...], progress: Progress
 ) -> Iterator[Any]:
     """A Dask client of the scheduler at ``address``.
+
+    Parameters
+    ----------
+    witness : a file of the project that every worker must see.
+    libraries : distributions that every worker must have in the same version.
 
     Raises
     ------
@@ -74,19 +78,19 @@ def the_cluster_at(
                 found=address,
                 fix=f"start some with `dask worker {address}`",
             ) from error
-        _check_workers(client, root, libraries)
+        _check_workers(client, witness, libraries)
         progress.line(f"  dashboard: {client.dashboard_link}")
         yield client
 
 
-def worker_facts(root: str, libraries: tuple[str, ...]) -> dict[str, Any]:
+def worker_facts(witness: str, libraries: tuple[str, ...]) -> dict[str, Any]:
     """What a worker sees of the project and which versions it has."""
-    return {"project": (Path(root) / PROJECT_FILE).is_file(), "has": library_versions(libraries)}
+    return {"project": Path(witness).is_file(), "has": library_versions(libraries)}
 
 
-def _check_workers(client: Any, root: Path, libraries: tuple[str, ...]) -> None:
+def _check_workers(client: Any, witness: Path, libraries: tuple[str, ...]) -> None:
     try:
-        facts = client.run(worker_facts, str(root), libraries)
+        facts = client.run(worker_facts, str(witness), libraries)
     except ImportError as error:
         raise InputError(
             "The workers cannot run the workbench",
@@ -98,7 +102,7 @@ def _check_workers(client: Any, root: Path, libraries: tuple[str, ...]) -> None:
         if not fact["project"]:
             raise InputError(
                 "A worker does not see the project folder",
-                file=root,
+                file=witness,
                 found=worker,
                 fix="keep the project on a disk that all workers have at the same path",
             )
@@ -131,3 +135,23 @@ def results_of(
                 found=str(error),
                 fix="most often memory ran out: take fewer --workers",
             ) from error
+
+
+def mapper_at(
+    address: str, libraries: tuple[str, ...], progress: Progress
+) -> Callable[[Path, Callable[[str, Any], Any], Mapping[str, Any]], Iterator[tuple[str, Any]]]:
+    """``results_of`` over the scheduler at ``address``, which is asked when it is needed.
+
+    Returns
+    -------
+    A function of a file that every worker must see, of what is to be run, and of the items.
+    """
+
+    def mapped(
+        witness: Path, run: Callable[[str, Any], Any], items: Mapping[str, Any]
+    ) -> Iterator[tuple[str, Any]]:
+        if items:
+            with the_cluster_at(address, witness, libraries, progress) as client:
+                yield from results_of(client, run, items)
+
+    return mapped

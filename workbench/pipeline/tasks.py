@@ -23,6 +23,7 @@ from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 from workbench.pipeline.threads import one_blas_thread
 from workbench.project.hashing import FileHashes, hash_of_value
+from workbench.project.project import PROJECT_FILE
 from workbench.project.store import ProductStore
 
 if TYPE_CHECKING:
@@ -174,7 +175,8 @@ class Tasks:
         run = partial(run_item, str(self.root), self.reads, self.writes, function)
         waiting = dict(todo)
         if self.cluster is not None:
-            with the_cluster_at(self.cluster, self.root, self.libraries, self.progress) as client:
+            witness = self.root / PROJECT_FILE
+            with the_cluster_at(self.cluster, witness, self.libraries, self.progress) as client:
                 yield from results_of(client, run, waiting)
             return
         if self.workers == 1:

@@ -71,6 +71,10 @@ _TABLE = (
     Artefact("truth_surface", "truth/surface.npz", "arrays", "the simulated scene", truth=True),
     Artefact("truth_samples", "truth/scans/{item}.npz", "arrays", "noise-free hits", truth=True),
     Artefact("simulation", "truth/simulation.json", "json", "the simulation's options", truth=True),
+    Artefact("truth_albedo", "truth/photos/albedo/{item}.png", "file", "true albedo", truth=True),
+    Artefact("truth_object", "truth/photos/object/{item}.png", "file", "true masks", truth=True),
+    Artefact("truth_support", "truth/photos/support/{item}.png", "file", "supports", truth=True),
+    Artefact("truth_shadow", "truth/photos/shadow/{item}.png", "file", "flash shadow", truth=True),
     Artefact("truth_poses", "truth/scan_poses.json", "json", "the simulated poses", truth=True),
 )
 

@@ -191,6 +191,15 @@ def png_bytes(picture: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
+def jpeg_bytes(picture: NDArray[np.uint8]) -> bytes:
+    """A photograph (h, w, 3) uint8 sRGB as a JPEG file without metadata."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "JPEG", quality=88, subsampling=0)
+    return buffer.getvalue()
+
+
 def _picture(
     view: View, vertex_colors: NDArray[np.uint8], *, nearest: bool, relief: float = 1.0
 ) -> NDArray[np.uint8]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -35,8 +36,15 @@ from workbench.synthetic.photography import (
     target_photograph,
 )
 from workbench.synthetic.scene import Scene
+from workbench.synthetic.simulation import build_scene
 
 Progress = Callable[[int, int, str], None]
+# Maps a function of name and payload over the payloads, on other machines: yields (name,
+# result) as they come. The path is a file of the project that those machines must see.
+PhotographsElsewhere = Callable[
+    [Path, Callable[[str, dict[str, Any]], None], dict[str, dict[str, Any]]],
+    Iterable[tuple[str, None]],
+]
 Kind = Literal["photo", "chart", "flat", "linearity"]
 
 # Changes whenever the same options give other pictures.
@@ -84,6 +92,7 @@ def write_photos(
     photo_options: PhotoOptions,
     progress: Progress | None = None,
     workers: int | None = None,
+    elsewhere: PhotographsElsewhere | None = None,
 ) -> Path:
     """Photograph a scene and write everything below ``out``; the same options, the same bytes.
 
@@ -97,6 +106,8 @@ def write_photos(
     photo_options : of the photographs.
     progress : called with (done, total, label).
     workers : photographs computed at once; one per core where nothing is said.
+    elsewhere : maps the photographs over other machines that see ``out`` at the same path,
+        instead of over the cores of this one.
 
     Returns
     -------
@@ -127,26 +138,76 @@ def write_photos(
     report = progress or _silent
     report(0, len(items), "preparing the photographs")
     _make_folders(out, photo_options)
-    waiting = [item for item in items if not is_finished(out, item, digest)]
+    waiting = {item.name: item for item in items if not is_finished(out, item, digest)}
     done = len(items) - len(waiting)
-    if waiting:
-        # Built once before the threads start, which would each wait for it.
-        _ = studio.subject.middle, studio.subject.corner_normals, studio.exchange
+    if elsewhere is None:
+        finished = _taken_here(out, studio, waiting, digest, workers)
+    else:
+        payload = {
+            "out": str(out),
+            "simulation": sim_options.model_dump_json(),
+            "photos": photo_options.model_dump_json(),
+            "digest": digest,
+        }
+        witness = _record_path(out, items[0]).with_name("digest")
+        witness.write_text(digest, encoding="utf-8")
+        payloads = {
+            name: payload | {"kind": item.kind, "index": item.index}
+            for name, item in waiting.items()
+        }
+        finished = (name for name, _ in elsewhere(witness, photograph_for, payloads))
+    for name in finished:
+        done += 1
+        report(done, len(items), name)
+    write_photo_truth(out, studio, sim_options)
+    return out
+
+
+def photograph_for(name: str, payload: dict[str, Any]) -> None:
+    """One photograph by a process that has nothing but the payload and the project's folder.
+
+    Parameters
+    ----------
+    name : of the photograph.
+    payload : plain data as `write_photos` makes it: ``out``, the options as JSON, ``kind``,
+        ``index``, ``digest``.
+    """
+    options = PhotoOptions.model_validate_json(payload["photos"])
+    item = PhotoItem(payload["kind"], payload["index"])
+    scene = _scene_for(payload["simulation"])
+    write_photograph(Path(payload["out"]), scene, options, item, payload["digest"])
+
+
+@lru_cache(maxsize=1)
+def _scene_for(simulation: str) -> Scene:
+    """The scene of options given as JSON: built once in a process, which costs seconds."""
+    return build_scene(SimulationOptions.model_validate_json(simulation))
+
+
+def _taken_here(
+    out: Path,
+    studio: Studio,
+    waiting: dict[str, PhotoItem],
+    digest: str,
+    workers: int | None,
+) -> Iterator[str]:
+    """Names of the photographs as they are finished on this machine's cores."""
+    if not waiting:
+        return
+    # Built once before the threads start, which would each wait for it.
+    _ = studio.subject.middle, studio.subject.corner_normals, studio.exchange
     with ThreadPoolExecutor(max(1, min(workers or os.cpu_count() or 1, _MOST_AT_ONCE))) as pool:
         jobs = {
-            pool.submit(write_photograph, out, scene, photo_options, item, digest): item
-            for item in waiting
+            pool.submit(write_photograph, out, studio.scene, studio.options, item, digest): name
+            for name, item in waiting.items()
         }
         try:
             for job in as_completed(jobs):
                 job.result()
-                done += 1
-                report(done, len(items), jobs[job].name)
+                yield jobs[job]
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    write_photo_truth(out, studio, sim_options)
-    return out
 
 
 def options_digest(sim_options: SimulationOptions, photo_options: PhotoOptions) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from workbench.formats.atomic import replacing
 from workbench.formats.poses import write_conf, write_scan_poses_json
 from workbench.formats.range_ply import write_range_ply
 from workbench.geometry import transforms
@@ -19,7 +21,10 @@ from workbench.synthetic.simulation import Progress, SimulatedScan, build_scene,
 
 
 def write_simulation(
-    out: Path, options: SimulationOptions, progress: Progress | None = None
+    out: Path,
+    options: SimulationOptions,
+    progress: Progress | None = None,
+    scene: Scene | None = None,
 ) -> Path:
     """Simulate and write everything below ``out``; the same options give the same bytes.
 
@@ -28,6 +33,7 @@ def write_simulation(
     out : folder to fill; made where it is missing.
     options : the simulation's options.
     progress : called with (done, total, label).
+    scene : as ``build_scene(options)`` returns it, where it was built already.
 
     Returns
     -------
@@ -50,9 +56,10 @@ def write_simulation(
     scans, truth = out / "scans", out / "truth"
     for folder in (scans, truth / "masks", truth / "scans"):
         folder.mkdir(parents=True, exist_ok=True)
-    if progress is not None:
-        progress(0, options.scans + 1, f"building the {options.scene}")
-    scene = build_scene(options)
+    if scene is None:
+        if progress is not None:
+            progress(0, options.scans + 1, f"building the {options.scene}")
+        scene = build_scene(options)
     _write_surface(truth / "surface.npz", scene)
     coarse, true = {}, {}
     for scan in simulate_scans(options, progress, scene):
@@ -65,13 +72,30 @@ def write_simulation(
         true[name] = scan.world_from_scan
     write_conf(scans / "poses.conf", coarse)
     write_scan_poses_json(truth / "scan_poses.json", true, scene.origin_in_world)
-    facts = {
+    # Last, for it says that all is there.
+    with replacing(_facts_path(out)) as partial:
+        partial.write_text(json.dumps(_facts(options), indent=2) + "\n", encoding="utf-8")
+    return out
+
+
+def is_simulated(out: Path, options: SimulationOptions) -> bool:
+    """Whether `write_simulation` has written everything below ``out`` with these options."""
+    try:
+        return bool(json.loads(_facts_path(out).read_text(encoding="utf-8")) == _facts(options))
+    except (OSError, ValueError):
+        return False
+
+
+def _facts_path(out: Path) -> Path:
+    return out / "truth" / "simulation.json"
+
+
+def _facts(options: SimulationOptions) -> dict[str, Any]:
+    return {
         "version": version("scan-workbench"),
         "nominal_sample_spacing_m": nominal_spacing_m(options),
         "options": options.model_dump(mode="json"),
     }
-    (truth / "simulation.json").write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
-    return out
 
 
 def nominal_spacing_m(options: SimulationOptions) -> float:

@@ -7,7 +7,7 @@ import re
 from datetime import datetime
 from importlib import resources
 
-from workbench.render.shading import png_bytes
+from workbench.render.shading import jpeg_bytes, png_bytes
 from workbench.verification.report_content import Picture, ReportContent
 
 _TEMPLATE = "report.html"
@@ -62,7 +62,10 @@ def date_in_words(date: str) -> str:
 
 
 def _data_url(picture: Picture) -> str:
-    return "data:image/png;base64," + base64.b64encode(png_bytes(picture.pixels)).decode("ascii")
+    kind, encoded = "png", png_bytes
+    if picture.is_photograph:
+        kind, encoded = "jpeg", jpeg_bytes
+    return f"data:image/{kind};base64," + base64.b64encode(encoded(picture.pixels)).decode("ascii")
 
 
 def _slug(title: str) -> str:

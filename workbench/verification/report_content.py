@@ -67,11 +67,13 @@ class Picture:
     pixels : (h, w, 3) uint8 sRGB.
     caption : short, shown below.
     alt : what can be seen, for those who cannot.
+    is_photograph : grain that need not be kept exactly, which saves nine tenths of its size.
     """
 
     pixels: NDArray[np.uint8]
     caption: str
     alt: str
+    is_photograph: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,7 @@ class PictureRow:
     caption : what they show and how to read it.
     legend : colours by name.
     color_bar : an ``<svg>`` element from `workbench.verification.figures`; trusted.
+    most_beside : so many pictures stand side by side at most; further ones below them.
     """
 
     kind: ClassVar[str] = "pictures"
@@ -99,6 +102,7 @@ class PictureRow:
     caption: str
     legend: tuple[LegendEntry, ...] = ()
     color_bar: str | None = None
+    most_beside: int = 6
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for report.json: captions only."""
