@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 from workbench.formats.colmap import read_colmap_text
+from workbench.pipeline.cluster import local_cluster, results_of
 from workbench.synthetic import Scene, SimulationOptions
 from workbench.synthetic import photo_writing as writing
 from workbench.synthetic.photo_options import PhotoOptions
 from workbench.synthetic.photography import photograph, studio_of
+from workbench.synthetic.simulation import build_scene
 
 SIMULATION = SimulationOptions()
 
@@ -192,3 +194,29 @@ def test_a_broken_photograph_stops_the_run_and_leaves_no_half_file(
         writing.write_photos(tmp_path, ball_scene, SIMULATION, options)
     assert not list((tmp_path / "photos").iterdir())
     assert not list((tmp_path / "truth" / "photos" / "records").iterdir())
+
+
+def test_other_processes_take_the_same_photographs(
+    tmp_path: Path, photo_options: Callable[..., PhotoOptions]
+) -> None:
+    """They have the options and the folder alone; what they make is the same to the byte."""
+    simulation = SimulationOptions(scene="sphere", scans=1)
+    options = photo_options(
+        photos=2,
+        camera={"long_side_px": 60, "short_side_px": 40},
+        charts={"color_frames": 1, "flat_frames": 0, "linearity_distances_m": ()},
+    )
+    scene = build_scene(simulation)
+    here = writing.write_photos(tmp_path / "here", scene, simulation, options)
+
+    def two_processes(
+        witness: Path, run: Callable[..., None], items: dict[str, dict[str, object]]
+    ) -> Iterator[tuple[str, None]]:
+        assert witness.is_file()
+        with local_cluster(2) as client:
+            yield from results_of(client, run, items)
+
+    there = writing.write_photos(
+        tmp_path / "there", scene, simulation, options, elsewhere=two_processes
+    )
+    assert contents(here) == contents(there)

@@ -143,19 +143,7 @@ def write_photos(
     if elsewhere is None:
         finished = _taken_here(out, studio, waiting, digest, workers)
     else:
-        payload = {
-            "out": str(out),
-            "simulation": sim_options.model_dump_json(),
-            "photos": photo_options.model_dump_json(),
-            "digest": digest,
-        }
-        witness = _record_path(out, items[0]).with_name("digest")
-        witness.write_text(digest, encoding="utf-8")
-        payloads = {
-            name: payload | {"kind": item.kind, "index": item.index}
-            for name, item in waiting.items()
-        }
-        finished = (name for name, _ in elsewhere(witness, photograph_for, payloads))
+        finished = _taken_elsewhere(out, studio, sim_options, waiting, digest, elsewhere)
     for name in finished:
         done += 1
         report(done, len(items), name)
@@ -208,6 +196,33 @@ def _taken_here(
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def _taken_elsewhere(
+    out: Path,
+    studio: Studio,
+    sim_options: SimulationOptions,
+    waiting: dict[str, PhotoItem],
+    digest: str,
+    elsewhere: PhotographsElsewhere,
+) -> Iterator[str]:
+    """Names of the photographs as other machines finish them."""
+    shared = {
+        "out": str(out),
+        "simulation": sim_options.model_dump_json(),
+        "photos": studio.options.model_dump_json(),
+        "digest": digest,
+    }
+    payloads = {
+        name: shared | {"kind": item.kind, "index": item.index} for name, item in waiting.items()
+    }
+    witness = out / "truth" / "photos" / "under_way"
+    witness.write_text(digest, encoding="utf-8")
+    try:
+        for name, _ in elsewhere(witness, photograph_for, payloads):
+            yield name
+    finally:
+        witness.unlink()
 
 
 def options_digest(sim_options: SimulationOptions, photo_options: PhotoOptions) -> str:
