@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import Field
@@ -14,6 +18,9 @@ from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.pipeline.tasks import ItemProducts, Payload
 from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
+
+if TYPE_CHECKING:
+    from workbench.geometry.samples import Samples
 
 
 class FuseOptions(StageOptions):
@@ -43,6 +50,13 @@ class FuseOptions(StageOptions):
         le=10.0,
         description="Samples within this many sample distances become one; 0 keeps all.",
     )
+    memory_samples: int = Field(
+        5_000_000,
+        ge=1_000,
+        le=1_000_000_000,
+        description="More samples than this are not held in memory but in a layered point cloud "
+        "on disk (Jaspe 2018, 3.3.1).",
+    )
 
 
 def needed(scene: Scene, options: FuseOptions) -> Need:
@@ -58,37 +72,82 @@ def estimate(scene: Scene, options: FuseOptions) -> Estimate:
 
 
 def run(job: Job[FuseOptions]) -> StageResult:
-    from workbench.cloud.fusion import merge_scans
-    from workbench.geometry.orientedscan import OrientedScan
+    from workbench.cloud.fusion import joined, merged
 
     products, options = job.products, job.options
-    inventory, poses = products.load("scan_inventory"), products.load("scan_poses")
-    judged = options.model_dump(exclude={"thinning"})
+    inventory = products.load("scan_inventory")
+    judged = options.model_dump(exclude={"thinning", "memory_samples"})
     names = [entry["name"] for entry in inventory["scans"]]
     items = {
-        name: {"name": name, "content": products.item_hash("range_maps", name)} | judged
+        name: {"name": name, "content": products.content_hash("range_maps", name)} | judged
         for name in names
     }
-    job.tasks.map_items("normals", orient_scan, items)
+    found = job.tasks.map_items("normals", orient_scan, items)
     products.remove_items_except("oriented_scans", set(names))
-    to_project = rigid(np.eye(3), -np.array(inventory["origin_m"]))
-    scans, colors, placed = [], [], []
-    for entry in inventory["scans"]:
-        arrays = products.load("oriented_scans", entry["name"])
-        colors.append(arrays.pop("color", None))
-        scans.append(OrientedScan(**arrays))
-        world_from_scan = np.array(poses["scans"][entry["name"]]["world_from_scan"])
-        placed.append(to_project @ world_from_scan @ rigid(np.eye(3), entry["scan_shift_m"]))
-    total = sum(len(scan) for scan in scans)
+    total = sum(summary["samples"] for summary in found.values())
     if not total:
         raise InputError(
             "No sample of any scan can be trusted",
             fix="loosen fuse.max_incidence_deg or fuse.min_neighbours, or check the scans",
         )
-    spacing = float(np.median(np.concatenate([scan.spacing_m for scan in scans])))
-    samples = merge_scans(scans, placed, colors, options.thinning * spacing)
-    products.save("samples", samples.arrays())
-    return StageResult(_metrics(inventory, total, len(samples), spacing))
+    spacings = [products.load("oriented_scans", name)["spacing_m"] for name in names]
+    spacing = float(np.median(np.concatenate(spacings)))
+    cell = options.thinning * spacing
+    trusted = [entry for entry in inventory["scans"] if found[entry["name"]]["samples"]]
+    # One scan without colour, and the samples have none.
+    colored = all(entry["color"] for entry in trusted)
+    placed = PlacedScans(products, inventory, products.load("scan_poses"), colored)
+    if total <= options.memory_samples:
+        samples = merged(joined(list(placed)), cell)
+        products.save("samples", samples.arrays())
+        kept = len(samples)
+    else:
+        kept = _merged_on_disk(job, placed, total, cell)
+    return StageResult(_metrics(inventory, total, kept, spacing, total > options.memory_samples))
+
+
+class PlacedScans:
+    """Every scan's trusted samples in the project frame, one scan in memory at a time."""
+
+    def __init__(
+        self, products: Any, inventory: dict[str, Any], poses: dict[str, Any], colored: bool
+    ) -> None:
+        self._products, self._inventory, self._poses = products, inventory, poses
+        self.colored = colored
+
+    def __iter__(self) -> Iterator[Samples]:
+        from workbench.cloud.fusion import placed_samples
+        from workbench.geometry.orientedscan import OrientedScan
+
+        to_project = rigid(np.eye(3), -np.array(self._inventory["origin_m"]))
+        for number, entry in enumerate(self._inventory["scans"]):
+            arrays = self._products.load("oriented_scans", entry["name"])
+            color = arrays.pop("color", None)
+            scan = OrientedScan(**arrays)
+            world_from_scan = np.array(self._poses["scans"][entry["name"]]["world_from_scan"])
+            pose = to_project @ world_from_scan @ rigid(np.eye(3), entry["scan_shift_m"])
+            yield placed_samples(scan, pose, color if self.colored else None, number)
+
+
+def _merged_on_disk(job: Job[FuseOptions], placed: PlacedScans, total: int, cell_m: float) -> int:
+    """Merge part by part of space and store as a layered cloud; returns how many samples."""
+    from workbench.cloud.building import build_cloud
+    from workbench.cloud.sample_cloud import SampleBlocks, samples_schema
+    from workbench.cloud.sample_merging import MergedParts
+
+    schema = samples_schema(placed.colored)
+    with (
+        job.products.writing("sample_cloud") as path,
+        TemporaryDirectory(dir=path.parent) as folder,
+    ):
+        unmerged, merged = Path(folder) / "unmerged", Path(folder) / "merged"
+        with job.progress.step(f"sorting {total} samples by place"):
+            build_cloud(unmerged, SampleBlocks(placed), schema)
+        with job.progress.step("merging and storing them"):
+            parts = MergedParts(unmerged, cell_m, job.options.memory_samples // 4)
+            report = build_cloud(merged, SampleBlocks(parts), schema)
+        os.replace(merged, path)
+    return report.samples
 
 
 def orient_scan(products: ItemProducts, payload: Payload) -> dict[str, Any]:
@@ -106,7 +165,7 @@ def orient_scan(products: ItemProducts, payload: Payload) -> dict[str, Any]:
 
 
 def _metrics(
-    inventory: dict[str, Any], trusted: int, kept: int, spacing: float
+    inventory: dict[str, Any], trusted: int, kept: int, spacing: float, on_disk: bool
 ) -> tuple[Metric, ...]:
     given = sum(entry["samples"] for entry in inventory["scans"])
     return (
@@ -114,18 +173,19 @@ def _metrics(
         Metric("share_trusted", trusted / given, "", "Their share of all samples."),
         Metric("samples", kept, "", "Samples after duplicates became one."),
         Metric("sample_spacing", spacing, "m", "Median distance between neighbouring samples."),
+        Metric("on_disk", on_disk, "", "Whether a point cloud on disk was needed to hold them."),
     )
 
 
 FUSE = Stage(
     name="fuse",
-    version=1,
+    version=2,
     summary="Normals by range grid, mixed pixels out, duplicates merged, confidence kept.",
     options=FuseOptions,
     reads=("scan_inventory", "range_maps", "scan_poses"),
-    writes=("oriented_scans", "samples"),
+    writes=("oriented_scans", "samples", "sample_cloud"),
     needed=needed,
     run=run,
-    libraries=("numpy", "scipy", "open3d"),
+    libraries=("numpy", "scipy", "open3d", "lmdb", "zstandard"),
     estimate=estimate,
 )

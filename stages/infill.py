@@ -2,24 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from workbench.metrics import Metric
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
+from workbench.pipeline.tasks import ItemProducts, Payload
+from workbench.project.hashing import hash_of_value
 from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
+
+if TYPE_CHECKING:
+    from workbench.cloud.sample_source import SampleSource
+    from workbench.geometry.mesh import TriangleMesh
+    from workbench.surface.blocks import SurfacePart
+    from workbench.surface.poisson import PoissonSettings
+
+# The whole is solved from so many samples at most where it does not fit in one block.
+_MOST_COARSE_SAMPLES = 500_000
+_LEAST_COARSE_SHARE = 2
 
 
 class InfillOptions(StageOptions):
     """Options of ``infill``."""
 
-    depth: int | Literal["auto"] = Field(
+    depth: Annotated[int, Field(ge=5, le=24)] | Literal["auto"] = Field(
         "auto",
-        description="Octree depth of screened Poisson, 5 to 12; auto makes the finest cell "
-        "one sample distance (Kazhdan and Hoppe 2013).",
+        description="Octree depth of screened Poisson over the whole, 5 to 24; auto makes the "
+        "finest cell one sample distance (Kazhdan and Hoppe 2013).",
+    )
+    block_samples: int = Field(
+        1_000_000,
+        ge=2_000,
+        le=100_000_000,
+        description="Samples solved at once; where there are more, the surface is solved in "
+        "blocks that overlap, so that memory does not grow with the scene.",
     )
     point_weight: float = Field(
         4.0,
@@ -61,69 +83,57 @@ def needed(scene: Scene, options: InfillOptions) -> Need:
         return Need(False, "the surface was made elsewhere")
     if not scene.scans:
         return Need(False, "no range scans")
-    return Need(True, "a closed surface to make, in one block")
+    return Need(True, "a closed surface to make")
 
 
 def estimate(scene: Scene, options: InfillOptions) -> Estimate:
     depth = 10 if options.depth == "auto" else options.depth
     # A surface meets about 4^depth · 1.5 finest cells at most; the solver keeps some 600 bytes
     # for each, and no more cells are opened than there are samples to fill them.
-    cells = min(1.5 * 4**depth, 20.0 * scene.scan_bytes / 16)
-    return Estimate(int(600 * cells) + 2**29, int(100 * cells) + 2**24)
+    samples = scene.scan_bytes / 16
+    cells = min(1.5 * 4**depth, 20.0 * samples)
+    at_once = min(cells, 20.0 * options.block_samples)
+    return Estimate(int(600 * at_once + 60 * samples) + 2**29, int(100 * cells) + 2**24)
 
 
 def run(job: Job[InfillOptions]) -> StageResult:
-    from workbench.geometry.mesh import edge_census, face_normals_and_areas, vertex_normals
-    from workbench.geometry.samples import Samples
-    from workbench.surface.closing import closed_at_box
+    from workbench.geometry.mesh import edge_census
     from workbench.surface.poisson import (
+        MAX_DEPTH,
         PoissonSettings,
         cell_size_m,
         depth_for_spacing,
-        reconstruct,
     )
     from workbench.surface.provenance import (
-        area_by_provenance,
+        measured_area_share,
         near_samples,
-        support_of,
         without_unmeasured_pieces,
     )
-    from workbench.surface.refinement import moved_onto_samples
 
     products, options = job.products, job.options
-    arrays = products.load("samples")
-    samples = Samples(**arrays)
+    artefact = "samples" if products.load_if_there("sample_cloud") is None else "sample_cloud"
+    with stored_samples(products, artefact) as source:
+        count, (low, high) = len(source), source.bounds
+        spacing = float(np.median(source.thinned(options.block_samples).radius_m))
     depth = options.depth
     if depth == "auto":
-        depth = depth_for_spacing(samples.points, float(np.median(samples.radius_m)))
+        depth = depth_for_spacing(low, high, spacing)
+    in_one = count <= options.block_samples and depth <= MAX_DEPTH
+    # Blocks have cubes of their own, which need not halve that of the whole.
+    exact = options.depth == "auto" and not in_one
+    cell = spacing if exact else cell_size_m(low, high, depth)
     settings = PoissonSettings(
         depth, options.point_weight, options.samples_per_node, options.threads
     )
-    with job.progress.step(f"screened Poisson at depth {depth}"):
-        mesh = reconstruct(samples.points, samples.normals, settings)
-    cell = cell_size_m(samples.points, depth)
-    cut = not edge_census(mesh.triangles).watertight
-    if cut:
-        low, high = samples.points.min(axis=0) - cell, samples.points.max(axis=0) + cell
-        mesh = closed_at_box(mesh, low, high)
-    with job.progress.step("measured or infilled"):
-        mesh = moved_onto_samples(mesh, samples, options.refine_rounds)
-        mesh = mesh.with_attributes(normal=vertex_normals(mesh))
-        support = support_of(
-            mesh.vertices, mesh.vertex_attributes["normal"], samples, options.reach_factor
-        )
-        keep, pieces = without_unmeasured_pieces(mesh, support.provenance)
-        color = None if samples.color is None else samples.color[support.nearest]
-        mesh = mesh.with_attributes(
-            provenance=support.provenance,
-            distance_to_samples_m=support.distance_m,
-        )
-        if color is not None:
-            mesh = mesh.with_attributes(color=color)
-        mesh = mesh.keep_triangles(keep)
-        if options.trim_distance_m is not None:
-            distance = mesh.vertex_attributes["distance_to_samples_m"]
-            mesh = mesh.keep_triangles(near_samples(mesh, distance, options.trim_distance_m))
+    if in_one:
+        mesh, metrics = in_one_block(job, artefact, cell, settings)
+    else:
+        mesh, metrics = in_blocks(job, artefact, cell, spacing, settings)
+    keep, pieces = without_unmeasured_pieces(mesh, mesh.vertex_attributes["provenance"])
+    mesh = mesh.keep_triangles(keep)
+    if options.trim_distance_m is not None:
+        distance = mesh.vertex_attributes["distance_to_samples_m"]
+        mesh = mesh.keep_triangles(near_samples(mesh, distance, options.trim_distance_m))
     census = edge_census(mesh.triangles)
     warnings = []
     if not census.watertight and options.trim_distance_m is None:
@@ -132,18 +142,16 @@ def run(job: Job[InfillOptions]) -> StageResult:
             f"{census.nonmanifold_edges} non-manifold edges; try another infill.depth"
         )
     products.save("surface", mesh)
-    _, areas = face_normals_and_areas(mesh)
-    provenance = mesh.vertex_attributes["provenance"]
     metrics = (
+        Metric("samples", count, "", "Samples the surface was made from."),
         Metric("depth", depth, "", "Octree depth of the reconstruction."),
         Metric("cell_size", cell, "m", "Edge of its finest cell."),
-        Metric("cut_at_box", cut, "",
-               "Whether the surface ran on beyond the samples' box and was cut and capped there."),
+        *metrics,
         Metric("vertices", len(mesh.vertices), "", "Vertices of the surface."),
         Metric("triangles", len(mesh.triangles), "", "Triangles of the surface."),
         Metric("watertight", census.watertight, "", "Whether every edge has exactly two faces.",
                ("==", 1) if options.trim_distance_m is None else None),
-        Metric("measured_area", area_by_provenance(mesh, provenance, areas), "",
+        Metric("measured_area", measured_area_share(mesh), "",
                "Share of the area that rests on samples."),
         Metric("unmeasured_pieces", pieces, "",
                "Separate pieces without any sample, taken away."),
@@ -151,13 +159,214 @@ def run(job: Job[InfillOptions]) -> StageResult:
     return StageResult(metrics, tuple(warnings))
 
 
+def stored_samples(products: Any, artefact: str) -> AbstractContextManager[SampleSource]:
+    """The consolidated samples, in memory or on disk."""
+    from workbench.cloud.sample_source import opened_samples
+
+    held = products.load(artefact)
+    return opened_samples(held, None) if artefact == "samples" else opened_samples(None, held)
+
+
+def in_one_block(
+    job: Job[InfillOptions], artefact: str, cell_m: float, settings: PoissonSettings
+) -> tuple[TriangleMesh, tuple[Metric, ...]]:
+    """One solution of all samples, with what the samples say about its vertices."""
+    from workbench.geometry.mesh import edge_census, vertex_normals
+    from workbench.surface.closing import closed_at_box
+    from workbench.surface.poisson import reconstruct
+    from workbench.surface.provenance import told_by_samples
+    from workbench.surface.refinement import moved_onto_samples
+
+    with stored_samples(job.products, artefact) as source:
+        samples = source.thinned(len(source))
+    with job.progress.step(f"screened Poisson at depth {settings.depth}"):
+        mesh = reconstruct(samples.points, samples.normals, settings)
+    cut = not edge_census(mesh.triangles).watertight
+    if cut:
+        low, high = samples.bounds
+        mesh = closed_at_box(mesh, low - cell_m, high + cell_m)
+    with job.progress.step("measured or infilled"):
+        mesh = moved_onto_samples(mesh, samples, job.options.refine_rounds)
+        mesh = mesh.with_attributes(normal=vertex_normals(mesh))
+        mesh = told_by_samples(mesh, samples, job.options.reach_factor)
+    return mesh, _solution_metrics(1, cut)
+
+
+def in_blocks(
+    job: Job[InfillOptions],
+    artefact: str,
+    cell_m: float,
+    spacing_m: float,
+    settings: PoissonSettings,
+) -> tuple[TriangleMesh, tuple[Metric, ...]]:
+    """The same in blocks that overlap, blended into one surface."""
+    from workbench.surface.block_plan import bricks_held, lattice_for, plan_blocks
+    from workbench.surface.blocks import bricks_missed, coarse_solution, joined
+
+    products, options = job.products, job.options
+    with stored_samples(products, artefact) as source:
+        count, (low, high) = len(source), source.bounds
+        thinned = source.thinned(min(_MOST_COARSE_SAMPLES, count // _LEAST_COARSE_SHARE))
+    apart = spacing_m * float(np.sqrt(count / len(thinned)))
+    with job.progress.step("one coarse solution of the whole"):
+        coarse = coarse_solution(thinned, apart, low, high, settings)
+    products.save("coarse_surface", coarse.mesh)
+    vertices = coarse.mesh.vertices
+    lattice = lattice_for(
+        np.minimum(low, vertices.min(axis=0)), np.maximum(high, vertices.max(axis=0)), cell_m
+    )
+    with stored_samples(products, artefact) as source:
+        bricks, held = bricks_held(lattice, source.places(), vertices)
+    plan = plan_blocks(lattice, cell_m, bricks, held, options.block_samples)
+    products.save("block_plan", plan.as_dict())
+    names = {plan.name(block): block.tolist() for block in plan.blocks}
+    shared = {
+        "plan": hash_of_value(plan.as_dict()),
+        "samples": artefact,
+        "content": products.content_hash(artefact),
+    }
+    solving = shared | {"settings": asdict(settings)}
+    products.remove_items_except("block_surfaces", set(names))
+    found = job.tasks.map_items(
+        "screened Poisson in blocks",
+        solve_block,
+        {name: solving | {"name": name, "block": block} for name, block in names.items()},
+    )
+    cutting = shared | {
+        "coarse": products.content_hash("coarse_surface"),
+        "coarse_cell_m": coarse.cell_m,
+        "box": None if coarse.box is None else [corner.tolist() for corner in coarse.box],
+        "spacing_m": spacing_m,
+        "refine_rounds": options.refine_rounds,
+        "reach_factor": options.reach_factor,
+    }
+    solved = {name for name, summary in found.items() if summary["solved"]}
+    missed: dict[str, list[int]] = {}
+    more: Any = None
+    # Again where the surface runs on into bricks that nobody expected it in.
+    while more is None or len(more):
+        items = {
+            name: cutting
+            | {
+                "name": name,
+                "block": block,
+                "seeds": missed.get(name, []),
+                "solutions": {
+                    beside: products.content_hash("block_surfaces", beside)
+                    for beside in map(plan.name, plan.neighbours(np.array(block)))
+                    if beside in solved
+                },
+            }
+            for name, block in names.items()
+        }
+        products.remove_items_except("surface_parts", set(names))
+        job.tasks.map_items("surface of each block", cut_block, items)
+        parts = StoredParts(products, tuple(names))
+        more = bricks_missed(parts)
+        for block, numbers in plan.by_block(more):
+            names[plan.name(block)] = block.tolist()
+            missed[plan.name(block)] = sorted(
+                {*missed.get(plan.name(block), []), *numbers.tolist()}
+            )
+    mesh = joined(parts)
+    # What a next run could use again is the surface itself; these take more room than that.
+    products.remove_items_except("block_surfaces", set())
+    products.remove_items_except("surface_parts", set())
+    return mesh, _solution_metrics(len(names), coarse.box is not None, len(found) - len(solved))
+
+
+class StoredParts:
+    """The parts of all blocks, one in memory at a time."""
+
+    def __init__(self, products: Any, names: tuple[str, ...]) -> None:
+        self._products, self._names = products, names
+
+    def __iter__(self) -> Iterator[SurfacePart]:
+        from workbench.surface.blocks import SurfacePart
+
+        for name in self._names:
+            yield SurfacePart.from_arrays(self._products.load("surface_parts", name))
+
+
+def solve_block(products: ItemProducts, payload: Payload) -> dict[str, Any]:
+    """One block's own solution, where its samples allow one."""
+    from workbench.surface.block_plan import BlockPlan
+    from workbench.surface.blocks import solved_block
+    from workbench.surface.poisson import PoissonSettings
+
+    plan = BlockPlan.from_dict(products.load("block_plan"))
+    block = np.array(payload["block"])
+    with stored_samples(products, payload["samples"]) as source:
+        samples = source.within(*plan.solved(block))
+    mesh = solved_block(plan, block, samples, PoissonSettings(**payload["settings"]))
+    if mesh is not None:
+        products.save("block_surfaces", mesh, payload["name"])
+    return {"samples": len(samples), "solved": mesh is not None}
+
+
+def cut_block(products: ItemProducts, payload: Payload) -> dict[str, Any]:
+    """The part of the surface within one block."""
+    from workbench.surface.block_field import BlendedField, BlockSolution, SurfaceDistance
+    from workbench.surface.block_plan import BlockPlan
+    from workbench.surface.blocks import part_of_block
+
+    plan = BlockPlan.from_dict(products.load("block_plan"))
+    block = np.array(payload["block"])
+    solutions = []
+    for beside in plan.neighbours(block):
+        if plan.name(beside) in payload["solutions"]:
+            mesh = products.load("block_surfaces", plan.name(beside))
+            surface = SurfaceDistance(mesh, mesh.vertex_attributes["apart_m"])
+            solutions.append(BlockSolution(beside, surface))
+    coarse = products.load("coarse_surface")
+    box = payload["box"]
+    field = BlendedField(
+        plan,
+        payload["spacing_m"],
+        solutions,
+        SurfaceDistance(coarse),
+        payload["coarse_cell_m"],
+        None if box is None else (np.array(box[0]), np.array(box[1])),
+    )
+    with stored_samples(products, payload["samples"]) as source:
+        samples = source.within(*plan.solved(block))
+    seeds = np.concatenate(
+        [
+            plan.lattice.numbers_of(samples.points),
+            plan.lattice.numbers_of(coarse.vertices),
+            np.array(payload["seeds"], np.int64),
+        ]
+    )
+    part = part_of_block(
+        plan,
+        block,
+        field,
+        samples,
+        np.unique(seeds),
+        payload["refine_rounds"],
+        payload["reach_factor"],
+    )
+    products.save("surface_parts", part.arrays(), payload["name"])
+    return {"triangles": len(part.mesh.triangles)}
+
+
+def _solution_metrics(blocks: int, cut: bool, unsolved: int = 0) -> tuple[Metric, ...]:
+    return (
+        Metric("blocks", blocks, "", "Solved one by one and blended; 1: all fits at once."),
+        Metric("blocks_on_coarse_solution", unsolved, "",
+               "Blocks with too few samples for a solution of their own."),
+        Metric("cut_at_box", cut, "",
+               "Whether the surface ran on beyond the samples' box and was cut and capped there."),
+    )  # fmt: skip
+
+
 INFILL = Stage[Any](
     name="infill",
-    version=1,
+    version=2,
     summary="Screened Poisson closes the surface; every vertex says measured or infilled.",
     options=InfillOptions,
-    reads=("samples",),
-    writes=("surface",),
+    reads=("samples", "sample_cloud"),
+    writes=("coarse_surface", "block_plan", "block_surfaces", "surface_parts", "surface"),
     needed=needed,
     run=run,
     libraries=("numpy", "scipy", "pymeshlab"),

@@ -39,6 +39,8 @@ _REPRODUCIBILITY = (
 
 
 _TRUTHS_SHOWN = 2
+# More samples change no figure that is shown.
+_SAMPLES_COMPARED = 2_000_000
 
 
 class VerifyOptions(StageOptions):
@@ -144,13 +146,11 @@ def _exported(job: Job[VerifyOptions]) -> tuple[list[Metric], list[str]]:
 
 def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
     """Residuals, overlap and samples per scan, as far as they are there."""
+    from workbench.cloud.sample_source import opened_samples
     from workbench.verification.distances import distance_to_surface
 
     products = job.products
-    registration, samples = (
-        products.load_if_there("registration"),
-        products.load_if_there("samples"),
-    )
+    registration = products.load_if_there("registration")
     found: dict[str, Any] = {"residuals": {}}
     inventory = products.load_if_there("scan_inventory")
     # The order of the inventory is that of the overlap matrix and of the samples' owners.
@@ -158,11 +158,17 @@ def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
     if registration is not None and len(registration["before_m"]):
         found["residuals"] |= {k: registration[k] for k in ("before_m", "after_m")}
         found["overlap"] = (names, registration["overlap"])
-    if samples is not None:
-        apart = distance_to_surface(samples["points"], surface).distance_m
+    held, cloud = (products.load_if_there(name) for name in ("samples", "sample_cloud"))
+    if held is None and cloud is None:
+        return found
+    with opened_samples(held, cloud) as source:
+        some = source.thinned(_SAMPLES_COMPARED).points
+        apart = distance_to_surface(some, surface).distance_m
         found["residuals"]["samples_to_surface_m"] = apart
-        count = np.bincount(samples["scan"], minlength=len(names))
-        found["samples_per_scan"] = dict(zip(names, count.tolist(), strict=True))
+        count = np.zeros(len(names), np.int64)
+        for owners in source.owners():
+            count += np.bincount(owners, minlength=len(names))
+    found["samples_per_scan"] = dict(zip(names, count.tolist(), strict=True))
     return found
 
 
@@ -262,6 +268,7 @@ VERIFY = Stage[Any](
         "scan_poses",
         "registration",
         "samples",
+        "sample_cloud",
         "surface",
         "surface_ply",
         "reference_file",

@@ -16,7 +16,7 @@ from time import perf_counter
 
 import numpy as np
 
-from workbench.cloud.fusion import merge_scans
+from workbench.cloud.fusion import joined, merged, placed_samples
 from workbench.geometry.mesh import TriangleMesh, edge_census, vertex_normals
 from workbench.geometry.orientedscan import OrientationSettings, orient
 from workbench.geometry.samples import Samples
@@ -39,15 +39,20 @@ def statue() -> tuple[Samples, TriangleMesh]:
     oriented = [orient(s.range_map, OrientationSettings()) for s in scans]
     spacing = float(np.median(np.concatenate([s.spacing_m for s in oriented])))
     poses = [s.local_from_scan for s in scans]
-    return merge_scans(oriented, poses, [None] * len(scans), 0.5 * spacing), scene.surface
+    placed = [
+        placed_samples(scan, pose, None, number)
+        for number, (scan, pose) in enumerate(zip(oriented, poses, strict=True))
+    ]
+    return merged(joined(placed), 0.5 * spacing), scene.surface
 
 
 def surface(samples: Samples, depth: int, rounds: int) -> TriangleMesh:
     """The closed and refined surface."""
     mesh = reconstruct(samples.points, samples.normals, PoissonSettings(depth))
     if not edge_census(mesh.triangles).watertight:
-        cell = cell_size_m(samples.points, depth)
-        low, high = samples.points.min(axis=0) - cell, samples.points.max(axis=0) + cell
+        low, high = samples.bounds
+        cell = cell_size_m(low, high, depth)
+        low, high = low - cell, high + cell
         mesh = closed_at_box(mesh, low, high)
     return moved_onto_samples(mesh, samples, rounds)
 
@@ -72,7 +77,7 @@ def main(out: Path) -> None:
             closed = edge_census(mesh.triangles).watertight
             print(f"{depth:5d}{rounds:8d}{seconds:9.2f}{error_mm:10.4f}  {closed}", flush=True)
             points.append(TradeoffPoint(f"depth {depth}, {rounds} rounds", seconds, error_mm))
-    auto = depth_for_spacing(samples.points, float(np.median(samples.radius_m)))
+    auto = depth_for_spacing(*samples.bounds, float(np.median(samples.radius_m)))
     svg = tradeoff_figure(
         points, "run time (s)", "RMS error, measured (mm)", f"depth {auto}, 2 rounds"
     )

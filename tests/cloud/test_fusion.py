@@ -3,11 +3,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from workbench.cloud.fusion import merge_scans
+from workbench.cloud.fusion import joined, merged, placed_samples
 from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.transforms import apply, from_twist, inverse, rotate
 
 CELL = 0.1
+
+
+def merge_scans(scans, poses, colors, cell_m):
+    """Scans as the stage merges them: placed, joined, merged."""
+    placed = [
+        placed_samples(scan, pose, color, number)
+        for number, (scan, pose, color) in enumerate(zip(scans, poses, colors, strict=True))
+    ]
+    return merged(joined(placed), cell_m)
 
 
 def scan_of(points: np.ndarray, normals: np.ndarray, seed: int = 0) -> OrientedScan:
@@ -90,7 +99,7 @@ def test_merged_samples_are_the_weighted_means_of_their_cells() -> None:
     color = rng.integers(0, 256, (2000, 3)).astype(np.uint8)
     found = merge_scans([scan], [np.eye(4)], [color], CELL)
     weight = weights(scan)
-    groups = brute_force(scan, scan.points.min(axis=0))
+    groups = brute_force(scan, -CELL * np.array([0.382, 0.618, 0.236]))
     assert len(found) == len(groups) < 2000
     assert found.confidence.sum() == pytest.approx(weight.sum(), rel=1e-12)
     expected = {

@@ -49,7 +49,7 @@ def test_products_are_those_declared(project):
         lambda: products.load("samples"),
         lambda: products.load_if_there("truth_poses"),
         lambda: products.items("oriented_scans"),
-        lambda: products.item_hash("oriented_scans", "s0"),
+        lambda: products.content_hash("oriented_scans", "s0"),
         lambda: products.input_paths("photo_files"),
         lambda: products.save("scan_inventory", {}),
         lambda: products.writing("samples"),

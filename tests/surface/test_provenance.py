@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from bodies import divided_box, joined, sphere_samples, without
 
-from workbench.geometry.mesh import face_normals_and_areas
+from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.samples import Samples
 from workbench.surface.provenance import (
     INFILLED,
     MEASURED,
-    area_by_provenance,
+    measured_area_share,
     near_samples,
     support_of,
     without_unmeasured_pieces,
@@ -95,9 +95,9 @@ def test_trimming_keeps_what_touches_the_samples() -> None:
 
 def test_the_measured_area_counts_corners() -> None:
     cube = divided_box(0, 1, 4)
-    _, areas = face_normals_and_areas(cube)
     lower = np.where(cube.vertices[:, 2] <= 0.5, MEASURED, INFILLED).astype(np.uint8)
-    share = area_by_provenance(cube, lower, areas)
+    share = measured_area_share(cube.with_attributes(provenance=lower))
     # Bottom and half of four sides, and half of the ring of squares above the middle.
     assert share == pytest.approx((1 + 4 * 0.5 + 4 * 0.25 * 0.5) / 6, abs=1e-12)
-    assert area_by_provenance(cube, lower, np.zeros_like(areas)) == 0.0
+    flat = TriangleMesh(np.zeros_like(cube.vertices), cube.triangles, {"provenance": lower})
+    assert measured_area_share(flat) == 0.0

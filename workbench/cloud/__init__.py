@@ -1,1 +1,1 @@
-"""The consolidated samples of all scans."""
+"""The consolidated samples of all scans, in memory or larger than it."""

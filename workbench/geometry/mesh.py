@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+_EDGES_AT_ONCE = 1 << 25
 
 
 @dataclass(frozen=True)
@@ -68,19 +71,44 @@ class EdgeCensus:
 
 
 def edge_census(triangles: NDArray[np.int32]) -> EdgeCensus:
-    """Count the faces at every undirected edge of (m, 3) triangles."""
-    directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
-    forward = directed[:, 0] < directed[:, 1]
-    low, high = directed.min(axis=1), directed.max(axis=1)
-    _, edge, faces = np.unique(
-        low * (int(triangles.max(initial=0)) + 1) + high, return_inverse=True, return_counts=True
-    )
-    forward_faces = np.bincount(edge, weights=forward, minlength=len(faces))
-    return EdgeCensus(
-        edges=len(faces),
-        boundary_edges=int((faces == 1).sum()),
-        nonmanifold_edges=int((faces > 2).sum()),
-        misoriented_edges=int(((faces == 2) & (forward_faces != 1)).sum()),
+    """Count the faces at every undirected edge of (m, 3) triangles.
+
+    Large meshes are counted in several passes, so that memory does not grow with them.
+    """
+    span = int(triangles.max(initial=0)) + 1
+    passes = max(1, math.ceil(3 * len(triangles) / _EDGES_AT_ONCE))
+    counted = np.zeros(4, np.int64)
+    for part in range(passes):
+        first, last = span * part // passes, span * (part + 1) // passes
+        counted += _edges_from(triangles, first, last, span)
+    return EdgeCensus(*(int(count) for count in counted))
+
+
+def _edges_from(
+    triangles: NDArray[np.int32], first: int, last: int, span: int
+) -> NDArray[np.int64]:
+    """The numbers of the census (4,) for edges whose lower vertex is in [first, last)."""
+    names = []
+    for k in range(3):
+        start, end = triangles[:, k], triangles[:, (k + 1) % 3]
+        low = np.minimum(start, end)
+        here = np.flatnonzero((low >= first) & (low < last))
+        start, low = start[here].astype(np.int64), low[here].astype(np.int64)
+        high = start + end[here] - low
+        # The last bit tells which way the face runs along its edge.
+        names.append(2 * (low * span + high) + (start < high))
+    name = np.sort(np.concatenate(names))
+    edge = name >> 1
+    starts = np.flatnonzero(np.diff(edge, prepend=-1) != 0)
+    faces = np.diff(np.append(starts, len(edge)))
+    forward = np.add.reduceat(name & 1, starts) if len(starts) else np.zeros(0, np.int64)
+    return np.array(
+        [
+            len(faces),
+            (faces == 1).sum(),
+            (faces > 2).sum(),
+            ((faces == 2) & (forward != 1)).sum(),
+        ]
     )
 
 

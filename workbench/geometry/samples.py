@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,16 @@ class Samples:
     def __len__(self) -> int:
         return len(self.points)
 
-    def arrays(self) -> dict[str, NDArray[np.generic]]:
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Corners (3,), (3,) of the box of the points, metres."""
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+    def chosen(self, which: NDArray[np.bool_] | NDArray[np.integer]) -> Samples:
+        """Some of them, by mask (n,) or by indices, in that order."""
+        return Samples(**{name: values[which] for name, values in self.arrays().items()})
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """As stored: one array per attribute that is there."""
         names = self.__dataclass_fields__
         return {k: getattr(self, k) for k in names if getattr(self, k) is not None}

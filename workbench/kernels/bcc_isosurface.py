@@ -163,6 +163,17 @@ def block_triangles(
     return count
 
 
+@njit(cache=True, nogil=True)
+def mixed_signs(even: NDArray[np.float64], odd: NDArray[np.float64]) -> bool:
+    """Whether the values of one face of a block lie on both sides of the surface."""
+    inside = even[0, 0] < 0.0
+    for i in range(even.shape[0]):
+        for j in range(even.shape[1]):
+            if (even[i, j] < 0.0) != inside or (odd[i, j] < 0.0) != inside:
+                return True
+    return False
+
+
 def edge_points(
     keys: NDArray[np.int64], fractions: NDArray[np.float64], stride: int
 ) -> NDArray[np.float64]:

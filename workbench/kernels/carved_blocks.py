@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from workbench.kernels.bcc_isosurface import block_triangles
+from workbench.kernels.bcc_isosurface import block_triangles, mixed_signs
 from workbench.kernels.implicit_solids import GROUPS, WEATHERING_M, relevant_rows, solid_distance
 
 BLOCK_CELLS = 4
@@ -40,17 +40,6 @@ def distances_by_cell(
                 points[n, 0], points[n, 1], points[n, 2], spacing, -1.0, seed, nearest,
             )  # fmt: skip
     return out
-
-
-@njit(cache=True, nogil=True)
-def _mixed_signs(even: NDArray[np.float64], odd: NDArray[np.float64]) -> bool:
-    """Whether the values of one face of a block lie on both sides of the surface."""
-    inside = even[0, 0] < 0.0
-    for i in range(even.shape[0]):
-        for j in range(even.shape[1]):
-            if (even[i, j] < 0.0) != inside or (odd[i, j] < 0.0) != inside:
-                return True
-    return False
 
 
 @njit(cache=True, nogil=True)
@@ -99,8 +88,8 @@ def carve_blocks(
                         )  # fmt: skip
         for side in range(2):
             layer = n * side
-            crossed[number, side] = _mixed_signs(even[layer], odd[layer])
-            crossed[number, 2 + side] = _mixed_signs(even[:, layer], odd[:, layer])
-            crossed[number, 4 + side] = _mixed_signs(even[:, :, layer], odd[:, :, layer])
+            crossed[number, side] = mixed_signs(even[layer], odd[layer])
+            crossed[number, 2 + side] = mixed_signs(even[:, layer], odd[:, layer])
+            crossed[number, 4 + side] = mixed_signs(even[:, :, layer], odd[:, :, layer])
         count = block_triangles(even, odd, first, stride, keys, fractions, count)
     return keys[:count].copy(), fractions[:count].copy(), crossed

@@ -91,8 +91,8 @@ class Products:
         """Content hash of one of the user's files."""
         return self._project.hashes.of_file(path)
 
-    def item_hash(self, name: str, item: str) -> str:
-        """Content hash of one item of a declared artefact."""
+    def content_hash(self, name: str, item: str | None = None) -> str:
+        """Content hash of a declared artefact, or of one item of it."""
         return self._project.hashes.of_file(self._project.store.path(self._there(name), item))
 
     def save(self, name: str, value: Any, item: str | None = None) -> Path:

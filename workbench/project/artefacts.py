@@ -60,6 +60,11 @@ _TABLE = (
         "oriented_scans", "work/fuse/scans/{item}.npz", "arrays", "samples with normals per scan"
     ),
     Artefact("samples", "work/fuse/samples.npz", "arrays", "the consolidated samples in the world"),
+    Artefact("sample_cloud", "work/fuse/samples.cloud", "file", "more samples than memory holds"),
+    Artefact("coarse_surface", "work/infill/coarse.npz", "mesh", "one solution of the whole"),
+    Artefact("block_plan", "work/infill/blocks.json", "json", "how the surface is cut in blocks"),
+    Artefact("block_surfaces", "work/infill/blocks/{item}.npz", "mesh", "each block's solution"),
+    Artefact("surface_parts", "work/infill/parts/{item}.npz", "arrays", "surface of each block"),
     Artefact("surface", "work/infill/surface.npz", "mesh", "closed surface with provenance"),
     Artefact("surface_ply", "exports/surface.ply", "file", "the surface with all attributes"),
     Artefact("surface_obj", "exports/surface.obj", "file", "the surface for general tools"),

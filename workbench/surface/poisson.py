@@ -26,23 +26,32 @@ class PoissonSettings:
     point_weight : pull of the samples against smoothness (4 in the paper).
     samples_per_node : samples wanted per finest cell; more for noisy data.
     threads : one is bit-reproducible, more are not.
+    cube_scale : edge of the solver's cube over that of the samples' box.
     """
 
     depth: int
     point_weight: float = 4.0
     samples_per_node: float = 1.5
     threads: int = 1
+    cube_scale: float = CUBE_SCALE
 
 
-def depth_for_spacing(points: NDArray[np.float64], spacing_m: float) -> int:
-    """The depth whose finest cell is about one sample spacing, within 5 … 12."""
-    edge = CUBE_SCALE * float((points.max(axis=0) - points.min(axis=0)).max())
-    return min(MAX_DEPTH, max(MIN_DEPTH, math.ceil(math.log2(edge / spacing_m) - 0.2)))
+def depth_for_spacing(low: NDArray[np.float64], high: NDArray[np.float64], spacing_m: float) -> int:
+    """The depth whose finest cell is about one sample spacing, 5 or more.
+
+    ``low``, ``high`` (3,) are the corners of the samples' box. One solution takes no more than
+    ``MAX_DEPTH``.
+    """
+    return max(MIN_DEPTH, math.ceil(math.log2(_cube_edge_m(low, high) / spacing_m) - 0.2))
 
 
-def cell_size_m(points: NDArray[np.float64], depth: int) -> float:
-    """Edge of the finest octree cell."""
-    return CUBE_SCALE * float((points.max(axis=0) - points.min(axis=0)).max()) / float(2**depth)
+def cell_size_m(low: NDArray[np.float64], high: NDArray[np.float64], depth: int) -> float:
+    """Edge of the finest octree cell over a box of samples."""
+    return _cube_edge_m(low, high) / float(2**depth)
+
+
+def _cube_edge_m(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+    return CUBE_SCALE * float((high - low).max())
 
 
 def reconstruct(
@@ -87,7 +96,7 @@ def reconstruct(
             depth=settings.depth,
             pointweight=settings.point_weight,
             samplespernode=settings.samples_per_node,
-            scale=CUBE_SCALE,
+            scale=settings.cube_scale,
             threads=settings.threads,
             preclean=False,
         )

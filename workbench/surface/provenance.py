@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
 from workbench.geometry.neighbours import k_nearest
 from workbench.geometry.samples import Samples
+from workbench.kernels.mesh_pieces import pieces_of
 
 MEASURED, INFILLED = 0, 1
 PHOTOGRAPHED, INPAINTED, UNCOLORED = 0, 1, 2
@@ -20,6 +19,7 @@ _NEIGHBOURS = 6
 _LEAST_COSINE = 0.5
 # Height over a sample's tangent plane, relative to its reach, that curvature explains.
 _PLANE_TOLERANCE = 0.25
+_TRIANGLES_AT_ONCE = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,30 @@ def support_of(
     )
 
 
+def told_by_samples(mesh: TriangleMesh, samples: Samples, reach_factor: float) -> TriangleMesh:
+    """The mesh with ``provenance``, ``distance_to_samples_m`` and, where known, ``color``.
+
+    Parameters
+    ----------
+    mesh : with ``normal`` at its vertices.
+    samples : possibly none; all is infilled then, and the distance infinite.
+    reach_factor : as for `support_of`.
+    """
+    n = len(mesh.vertices)
+    if not len(samples):
+        return mesh.with_attributes(
+            provenance=np.full(n, INFILLED, np.uint8), distance_to_samples_m=np.full(n, np.inf)
+        )
+    normals = mesh.vertex_attributes["normal"]
+    support = support_of(mesh.vertices, normals, samples, reach_factor)
+    mesh = mesh.with_attributes(
+        provenance=support.provenance, distance_to_samples_m=support.distance_m
+    )
+    if samples.color is None:
+        return mesh
+    return mesh.with_attributes(color=samples.color[support.nearest])
+
+
 def without_unmeasured_pieces(
     mesh: TriangleMesh, provenance: NDArray[np.uint8]
 ) -> tuple[NDArray[np.bool_], int]:
@@ -73,13 +97,10 @@ def without_unmeasured_pieces(
 
     A closed piece taken away leaves a closed surface.
     """
-    n = len(mesh.vertices)
-    a, b = mesh.triangles[:, [0, 1]].ravel(), mesh.triangles[:, [1, 2]].ravel()
-    links = coo_array((np.ones(len(a), bool), (a, b)), shape=(n, n))
-    count, piece = connected_components(links, directed=False)
-    has_measured = np.zeros(count, bool)
+    piece = pieces_of(mesh.triangles, len(mesh.vertices))
+    has_measured = np.zeros(len(piece), bool)
     has_measured[piece[provenance == MEASURED]] = True
-    used = np.zeros(count, bool)
+    used = np.zeros(len(piece), bool)
     used[piece[mesh.triangles[:, 0]]] = True
     return has_measured[piece[mesh.triangles[:, 0]]], int((used & ~has_measured).sum())
 
@@ -91,10 +112,13 @@ def near_samples(
     return np.asarray((distance_m[mesh.triangles] <= limit_m).any(axis=1))
 
 
-def area_by_provenance(
-    mesh: TriangleMesh, provenance: NDArray[np.uint8], areas: NDArray[np.float64]
-) -> float:
+def measured_area_share(mesh: TriangleMesh) -> float:
     """Measured share of the area, in [0, 1]; a triangle counts by its measured corners."""
-    share = (provenance[mesh.triangles] == MEASURED).mean(axis=1)
-    total = float(areas.sum())
-    return float((areas * share).sum()) / total if total > 0 else 0.0
+    measured = mesh.vertex_attributes["provenance"] == MEASURED
+    total, seen = 0.0, 0.0
+    for at in range(0, len(mesh.triangles), _TRIANGLES_AT_ONCE):
+        triangles = mesh.triangles[at : at + _TRIANGLES_AT_ONCE]
+        _, areas = face_normals_and_areas(TriangleMesh(mesh.vertices, triangles))
+        total += float(areas.sum())
+        seen += float((areas * measured[triangles].mean(axis=1)).sum())
+    return seen / total if total > 0 else 0.0
