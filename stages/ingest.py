@@ -29,9 +29,10 @@ class IngestOptions(StageOptions):
     scan_unit: Literal["m", "cm", "mm", "inch", "foot"] = Field(
         "m", description="Unit of the coordinates in the scan files and of the poses."
     )
-    missing_pose: Literal["refuse", "identity"] = Field(
-        "refuse",
-        description="Several scans without poses: refuse, or take their coordinates as world.",
+    missing_pose: Literal["place", "refuse", "identity"] = Field(
+        "place",
+        description="Scans without poses: have `register` place them by their shape, refuse, or "
+        "take their coordinates as world.",
     )
     min_samples: int = Field(
         50, ge=3, description="A scan with fewer samples is taken for damaged."
@@ -76,13 +77,14 @@ def run(job: Job[IngestOptions]) -> StageResult:
             "Some scans have no pose",
             found=", ".join(unplaced),
             expected="a pose in the scan file or in a .conf, .aln or scan_poses.json beside it",
-            fix="add the poses, or --set ingest.missing_pose=identity where the scans' own "
-            "coordinates are already in one frame",
+            fix="add the poses, or --set ingest.missing_pose=place to place them by their shape, "
+            "or =identity where the scans' own coordinates are already in one frame",
         )
-    for scan in scans:
-        # Its coordinates are the world's, and were moved by the shift.
-        own = rigid(np.eye(3), scan["scan_shift_m"]).tolist()
-        scan["world_from_scan"] = scan["world_from_scan"] or own
+    if options.missing_pose == "identity" or len(scans) == 1:
+        for scan in scans:
+            # Its coordinates are the world's, and were moved by the shift.
+            own = rigid(np.eye(3), scan["scan_shift_m"]).tolist()
+            scan["world_from_scan"] = scan["world_from_scan"] or own
     origin = project_origin(scans)
     products.save("scan_inventory", {"origin_m": origin, "scans": scans})
     products.remove_items_except("range_maps", {scan["name"] for scan in scans})
@@ -116,9 +118,14 @@ def project_origin(scans: list[dict[str, Any]]) -> list[float]:
     """The point all computing is done around: the middle of the scans, in whole metres.
 
     Whole metres are exact in float64, so adding the origin back at export loses nothing that
-    the input had.
+    the input had. Scans without a pose do not count; where none has one, the world is that of
+    the first scan by name, in the coordinates of its file, and so is the middle.
     """
-    centres = [apply(np.array(s["world_from_scan"]), s["centre_in_scan_m"]) for s in scans]
+    posed = [s for s in scans if s["world_from_scan"] is not None]
+    centres = [apply(np.array(s["world_from_scan"]), s["centre_in_scan_m"]) for s in posed]
+    if not posed:
+        first = min(scans, key=lambda s: str(s["name"]))
+        centres = [np.add(first["centre_in_scan_m"], first["scan_shift_m"])]
     return [float(v) for v in np.round(np.median(centres, axis=0))]
 
 
@@ -193,6 +200,12 @@ def _result(scans: list[dict[str, Any]], origin: list[float]) -> StageResult:
             "Range maps that keep the scanner's own grid.",
         ),
         Metric(
+            "scans_without_pose",
+            sum(s["world_from_scan"] is None for s in scans),
+            "",
+            "Range maps that have yet to be placed by their shape.",
+        ),
+        Metric(
             "origin_distance",
             float(np.linalg.norm(origin)),
             "m",
@@ -204,7 +217,7 @@ def _result(scans: list[dict[str, Any]], origin: list[float]) -> StageResult:
 
 INGEST = Stage(
     name="ingest",
-    version=1,
+    version=2,
     summary="Reads and checks the range scans, converts to metres, chooses the project origin.",
     options=IngestOptions,
     reads=("scan_files", "pose_files"),

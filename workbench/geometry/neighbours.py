@@ -11,7 +11,9 @@ def nearest(
     tree: cKDTree, points: NDArray[np.float64], max_distance_m: float = np.inf
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Distance and index (m,) of the closest entry; inf and ``tree.n`` beyond the limit."""
-    distance, index = tree.query(points, distance_upper_bound=max_distance_m, workers=-1)
+    distance, index = tree.query(
+        points, distance_upper_bound=max_distance_m, workers=_workers(points)
+    )
     return np.asarray(distance, np.float64), np.asarray(index, np.int64)
 
 
@@ -22,5 +24,10 @@ def k_nearest(
 
     ``k`` must not exceed the number of entries.
     """
-    distance, index = tree.query(points, k=list(range(1, k + 1)), workers=-1)
+    distance, index = tree.query(points, k=list(range(1, k + 1)), workers=_workers(points))
     return np.asarray(distance, np.float64), np.asarray(index, np.int64)
+
+
+def _workers(points: NDArray[np.float64]) -> int:
+    """Threads for a query: starting them takes longer than answering a few points."""
+    return -1 if len(points) > 4000 else 1

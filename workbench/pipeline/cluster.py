@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workbench.errors import InputError, WorkbenchError
 from workbench.pipeline.records import library_versions
+from workbench.working_directory import WORKING_DIRECTORY
 
 if TYPE_CHECKING:
     from workbench.pipeline.progress import Progress
@@ -23,22 +24,22 @@ def local_cluster(workers: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
     settings = {"distributed.worker.daemon": True, "distributed.admin.tick.interval": "1s"}
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            # Room is checked before the run. Dask's own limit would halt or kill an item that
-            # takes more than its equal share while its neighbours take less.
-            memory_limit=0,
-            dashboard_address=None,
-            silence_logs=50,
-            host="127.0.0.1",
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
+    with dask.config.set(settings), ExitStack() as stack:
+        with WORKING_DIRECTORY:
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    # Room is checked before the run. Dask's own limit would halt or kill an
+                    # item that takes more than its equal share while its neighbours take less.
+                    memory_limit=0,
+                    dashboard_address=None,
+                    silence_logs=50,
+                    host="127.0.0.1",
+                )
+            )
+        yield stack.enter_context(Client(cluster))
 
 
 @contextmanager

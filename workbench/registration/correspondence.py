@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,8 +85,16 @@ class Matcher:
         other._asking = [_evenly(len(scan), samples_per_scan) for scan in self.scans]
         return other
 
+    def asking_points(self, scan: int) -> NDArray[np.float64]:
+        """(m, 3) the samples of a scan that ask for matches, in its own frame."""
+        return self.scans[scan].points[self._asking[scan]]
+
     def match(
-        self, source: int, target: int, poses: Sequence[Matrix4], max_distance_m: float
+        self,
+        source: int,
+        target: int,
+        poses: Sequence[Matrix4] | Mapping[int, Matrix4],
+        max_distance_m: float,
     ) -> Matches:
         """Samples of ``source`` with their closest sample of ``target``.
 
