@@ -77,7 +77,10 @@ def run(job: Job[FuseOptions]) -> StageResult:
     products, options = job.products, job.options
     inventory = products.load("scan_inventory")
     judged = options.model_dump(exclude={"thinning", "memory_samples"})
-    names = [entry["name"] for entry in inventory["scans"]]
+    # A scan that register left out has no pose.
+    poses = products.load("scan_poses")["scans"]
+    entries = [entry for entry in inventory["scans"] if entry["name"] in poses]
+    names = [entry["name"] for entry in entries]
     items = {
         name: {"name": name, "content": products.content_hash("range_maps", name)} | judged
         for name in names
@@ -93,10 +96,10 @@ def run(job: Job[FuseOptions]) -> StageResult:
     spacings = [products.load("oriented_scans", name)["spacing_m"] for name in names]
     spacing = float(np.median(np.concatenate(spacings)))
     cell = options.thinning * spacing
-    trusted = [entry for entry in inventory["scans"] if found[entry["name"]]["samples"]]
+    trusted = [entry for entry in entries if found[entry["name"]]["samples"]]
     # One scan without colour, and the samples have none.
     colored = all(entry["color"] for entry in trusted)
-    placed = PlacedScans(products, inventory, products.load("scan_poses"), colored)
+    placed = PlacedScans(products, inventory, poses, colored)
     if total <= options.memory_samples:
         samples = merged(joined(list(placed)), cell)
         products.save("samples", samples.arrays())
@@ -121,10 +124,12 @@ class PlacedScans:
 
         to_project = rigid(np.eye(3), -np.array(self._inventory["origin_m"]))
         for number, entry in enumerate(self._inventory["scans"]):
+            if entry["name"] not in self._poses:
+                continue
             arrays = self._products.load("oriented_scans", entry["name"])
             color = arrays.pop("color", None)
             scan = OrientedScan(**arrays)
-            world_from_scan = np.array(self._poses["scans"][entry["name"]]["world_from_scan"])
+            world_from_scan = np.array(self._poses[entry["name"]]["world_from_scan"])
             pose = to_project @ world_from_scan @ rigid(np.eye(3), entry["scan_shift_m"])
             yield placed_samples(scan, pose, color if self.colored else None, number)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +19,11 @@ _ANSWER_SECONDS = 10.0
 
 
 @contextmanager
-def local_cluster(workers: int) -> Iterator[Any]:
-    """A Dask client of ``workers`` processes on this machine, which end with the block."""
+def local_cluster(workers: int, libraries: tuple[str, ...] = ()) -> Iterator[Any]:
+    """A Dask client of ``workers`` processes on this machine, which end with the block.
+
+    ``libraries`` are loaded in each, as `load_libraries` says.
+    """
     import dask
     from distributed import Client, LocalCluster
 
@@ -39,7 +43,20 @@ def local_cluster(workers: int) -> Iterator[Any]:
                     host="127.0.0.1",
                 )
             )
-        yield stack.enter_context(Client(cluster))
+        client = stack.enter_context(Client(cluster))
+        client.run(load_libraries, libraries)
+        yield client
+
+
+def load_libraries(distributions: tuple[str, ...]) -> None:
+    """Import what a stage will need, in the main thread of the process.
+
+    Items run in other threads, and PyMeshLab ends the process with a corrupted heap where it
+    was loaded by one of those. Who lacks a library says so when it needs it.
+    """
+    for name in distributions:
+        with suppress(ImportError):
+            import_module(name.replace("-", "_"))
 
 
 @contextmanager
@@ -80,6 +97,7 @@ def the_cluster_at(
                 fix=f"start some with `dask worker {address}`",
             ) from error
         _check_workers(client, witness, libraries)
+        client.run(load_libraries, libraries)
         progress.line(f"  dashboard: {client.dashboard_link}")
         yield client
 

@@ -170,7 +170,12 @@ class Tasks:
         """Results as they come; how many workers made them cannot be told from them."""
         if not todo:
             return
-        from workbench.pipeline.cluster import local_cluster, results_of, the_cluster_at
+        from workbench.pipeline.cluster import (
+            load_libraries,
+            local_cluster,
+            results_of,
+            the_cluster_at,
+        )
 
         run = partial(run_item, str(self.root), self.reads, self.writes, function)
         waiting = dict(todo)
@@ -183,6 +188,7 @@ class Tasks:
             for name, payload in waiting.items():
                 yield name, run(name, payload)
             return
+        load_libraries(self.libraries)
         # Items begin here, and what is not begun after as long as a cluster takes to start
         # goes to workers. So small items never pay for a cluster, and large ones wait for
         # none: however long items take, at most that start is lost.
@@ -196,7 +202,7 @@ class Tasks:
                 break
             yield name, here.result()
         if waiting:
-            with local_cluster(min(self.workers, len(waiting))) as client:
+            with local_cluster(min(self.workers, len(waiting)), self.libraries) as client:
                 for outcome in results_of(client, run, waiting):
                     if here.done():
                         here.result()  # an error of it is told now, not after all the others
