@@ -130,7 +130,8 @@ def run(job: Job[InfillOptions]) -> StageResult:
     else:
         mesh, metrics = in_blocks(job, artefact, cell, spacing, settings)
     keep, pieces = without_unmeasured_pieces(mesh, mesh.vertex_attributes["provenance"])
-    mesh = mesh.keep_triangles(keep)
+    if pieces:  # A large surface is not copied for nothing.
+        mesh = mesh.keep_triangles(keep)
     if options.trim_distance_m is not None:
         distance = mesh.vertex_attributes["distance_to_samples_m"]
         mesh = mesh.keep_triangles(near_samples(mesh, distance, options.trim_distance_m))

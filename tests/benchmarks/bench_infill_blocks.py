@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
 
@@ -130,7 +131,7 @@ def infilled(project: Project, options: InfillOptions, workers: int) -> tuple[Tr
     return project.store.load("surface"), meter
 
 
-def main(count: int, block_samples: tuple[int, ...]) -> None:
+def main(count: int, depth: int | Literal["auto"], block_samples: tuple[int, ...]) -> None:
     """Print one row for each size of blocks."""
     samples = Relief(count)
     with tempfile.TemporaryDirectory() as folder:
@@ -140,7 +141,9 @@ def main(count: int, block_samples: tuple[int, ...]) -> None:
               f"{perf_counter() - start:.0f} s")  # fmt: skip
         rows = []
         for most in block_samples:
-            mesh, meter = infilled(project, InfillOptions(block_samples=most), workers=2)
+            mesh, meter = infilled(
+                project, InfillOptions(depth=depth, block_samples=most), workers=2
+            )
             error = samples.error(mesh) / samples.spacing_m
             rows.append((most, meter, error, len(mesh.triangles)))
         print("block samples   seconds   CPU s   peak GiB   RMS   95 %   triangles"
@@ -153,6 +156,6 @@ def main(count: int, block_samples: tuple[int, ...]) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        main(int(sys.argv[1]), (1_000_000,))
+        main(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else "auto", (1_000_000,))
     else:
-        main(_COUNT, (*_BLOCK_SAMPLES, 10 * _COUNT))
+        main(_COUNT, "auto", (*_BLOCK_SAMPLES, 10 * _COUNT))
