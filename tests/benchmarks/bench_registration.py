@@ -6,7 +6,8 @@ takes the Stanford bunny where it is at hand, else a simulated statue, gives eve
 rigid motion, and places all scans with several numbers of keypoints, with and without the joint
 adjustment, and in Open3D's way with several voxel sizes: FPFH and fast global registration (or
 RANSAC) of all pairs, or starts within 3° of the truth, point-to-plane ICP, pose graph. Prints a
-table with ratios to the default and writes ``registration_tradeoff.svg`` and, where an SVG renderer is at hand, ``.png`` to OUT.
+table with ratios to the default and writes ``registration_tradeoff.svg`` and, where an SVG
+renderer is at hand, ``.png`` to OUT.
 """
 
 from __future__ import annotations
