@@ -11,6 +11,10 @@ import numpy as np
 import pytest
 
 from tests.stages.conftest import metrics_of
+from workbench.geometry.samples import Samples
+from workbench.project.project import Project
+from workbench.surface.block_plan import BlockPlan
+from workbench.verification.distances import distance_to_surface
 
 SETTINGS = ("fuse.memory_samples=6000", "infill.block_samples=6000")
 
@@ -75,3 +79,23 @@ def test_workers_change_nothing(in_blocks: Path) -> None:
     with np.load(surface) as after:
         for name, values in arrays.items():
             np.testing.assert_array_equal(after[name], values)
+
+
+@pytest.mark.slow
+def test_a_cut_through_the_statue_shows_no_seam(simulated) -> None:
+    """The samples lie no further from the surface where blocks meet than elsewhere."""
+    statue = simulated("--scene", "statue", "--seed", "7", "--scans", "12")
+    run(statue, 2, "infill.block_samples=140000")
+    store = Project(statue).store
+    plan = BlockPlan.from_dict(store.load("block_plan"))
+    assert len(plan.blocks) >= 4
+    samples = Samples(**store.load("samples"))
+    distance = distance_to_surface(samples.points, store.load("surface")).distance_m
+    edge = plan.block_bricks * plan.lattice.brick_m
+    place = (samples.points - plan.lattice.low) / edge
+    to_face = edge * np.abs(place - np.round(place)).min(axis=1)
+    spacing = float(np.median(samples.radius_m))
+    near, far = distance[to_face < spacing], distance[to_face > 6 * spacing]
+    assert len(near) > 2000
+    assert np.median(near) < 1.1 * np.median(far)
+    assert np.sqrt(np.mean(near**2)) < 1.05 * np.sqrt(np.mean(far**2))
