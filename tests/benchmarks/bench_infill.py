@@ -8,14 +8,13 @@ and writes ``infill_tradeoff.svg`` and, where an SVG renderer is at hand, ``.png
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
+from tests.benchmarks.drawing import draw_tradeoff
 from workbench.cloud.fusion import joined, merged, placed_samples
 from workbench.geometry.mesh import TriangleMesh, edge_census, vertex_normals
 from workbench.geometry.orientedscan import OrientationSettings, orient
@@ -26,9 +25,9 @@ from workbench.surface.provenance import MEASURED, support_of
 from workbench.surface.refinement import moved_onto_samples
 from workbench.synthetic import SimulationOptions, build_scene, simulate_scans
 from workbench.verification.distances import distance_to_surface
-from workbench.verification.figures import TradeoffPoint, tradeoff_figure
+from workbench.verification.figures import TradeoffPoint
 
-DEPTHS, ROUNDS = (6, 7, 8, 9), (0, 2)
+DEPTHS, ROUNDS = (6, 7, 8, 9, 10), (0, 2)
 
 
 def statue() -> tuple[Samples, TriangleMesh]:
@@ -78,16 +77,8 @@ def main(out: Path) -> None:
             print(f"{depth:5d}{rounds:8d}{seconds:9.2f}{error_mm:10.4f}  {closed}", flush=True)
             points.append(TradeoffPoint(f"depth {depth}, {rounds} rounds", seconds, error_mm))
     auto = depth_for_spacing(*samples.bounds, float(np.median(samples.radius_m)))
-    svg = tradeoff_figure(
-        points, "run time (s)", "RMS error, measured (mm)", f"depth {auto}, 2 rounds"
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    drawing = out / "infill_tradeoff.svg"
-    drawing.write_text(svg, encoding="utf-8")
-    renderer = shutil.which("rsvg-convert")
-    if renderer:
-        picture = drawing.with_suffix(".png")
-        subprocess.run([renderer, "-z", "3", "-o", picture, drawing], check=True)
+    chosen = f"depth {auto}, 2 rounds"
+    draw_tradeoff(out, "infill_tradeoff", points, "RMS error, measured (mm)", chosen)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
@@ -30,7 +31,7 @@ from workbench.project.project import Project
 from workbench.project.simulated import simulate_project
 
 _PART = 1_000_000
-_COUNT, _BLOCK_SAMPLES = 200_000, (20_000, 60_000)
+_COUNT, _DEPTHS, _BLOCK_SAMPLES = 200_000, (6, 7, 8, 9, 10), (60_000, 1_000_000)
 
 
 @dataclass(frozen=True)
@@ -131,8 +132,11 @@ def infilled(project: Project, options: InfillOptions, workers: int) -> tuple[Tr
     return project.store.load("surface"), meter
 
 
-def main(count: int, depth: int | Literal["auto"], block_samples: tuple[int, ...]) -> None:
-    """Print one row for each size of blocks."""
+Depth = int | Literal["auto"]
+
+
+def main(count: int, depths: tuple[Depth, ...], block_samples: tuple[int, ...]) -> None:
+    """Print one row for each depth and size of blocks."""
     samples = Relief(count)
     with tempfile.TemporaryDirectory() as folder:
         start = perf_counter()
@@ -140,22 +144,21 @@ def main(count: int, depth: int | Literal["auto"], block_samples: tuple[int, ...
         print(f"{count} samples {1e3 * samples.spacing_m:.3f} mm apart, stored in "
               f"{perf_counter() - start:.0f} s")  # fmt: skip
         rows = []
-        for most in block_samples:
-            mesh, meter = infilled(
-                project, InfillOptions(depth=depth, block_samples=most), workers=2
-            )
+        for depth, most in product(depths, block_samples):
+            options = InfillOptions(depth=depth, block_samples=most)
+            mesh, meter = infilled(project, options, workers=2)
             error = samples.error(mesh) / samples.spacing_m
-            rows.append((most, meter, error, len(mesh.triangles)))
-        print("block samples   seconds   CPU s   peak GiB   RMS   95 %   triangles"
-              "   (errors in sample spacings)")  # fmt: skip
-        for most, meter, error, triangles in rows:
-            print(f"{most:13d}{meter.seconds:10.1f}{meter.cpu_seconds:8.1f}"
-                  f"{meter.peak_rss_bytes / 2**30:11.2f}{np.sqrt(np.mean(error**2)):6.3f}"
-                  f"{np.percentile(error, 95):7.3f}{triangles:12d}")  # fmt: skip
+            rows.append((depth, most, meter, error, len(mesh.triangles)))
+    print("depth   samples at once   seconds   CPU s   peak GiB   RMS   95 %   triangles"
+          "   (errors in sample spacings)")  # fmt: skip
+    for depth, most, meter, error, triangles in rows:
+        print(f"{depth!s:>5s}{most:18d}{meter.seconds:10.1f}{meter.cpu_seconds:8.1f}"
+              f"{meter.peak_rss_bytes / 2**30:11.2f}{np.sqrt(np.mean(error**2)):6.3f}"
+              f"{np.percentile(error, 95):7.3f}{triangles:12d}")  # fmt: skip
 
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        main(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else "auto", (1_000_000,))
+        main(int(sys.argv[1]), (int(sys.argv[2]) if len(sys.argv) > 2 else "auto",), (1_000_000,))
     else:
-        main(_COUNT, "auto", (*_BLOCK_SAMPLES, 10 * _COUNT))
+        main(_COUNT, _DEPTHS, _BLOCK_SAMPLES)

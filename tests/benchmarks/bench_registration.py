@@ -12,8 +12,6 @@ renderer is at hand, ``.png`` to OUT.
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,13 +24,14 @@ import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tests.benchmarks.drawing import draw_tradeoff
 from workbench.formats.scans import find_scans, read_pose_files, read_scans
 from workbench.geometry.orientedscan import OrientationSettings, OrientedScan, orient
 from workbench.geometry.transforms import Matrix4, apply, inverse, rigid, rotate, rotation_angle_deg
 from workbench.registration.adjustment import AdjustmentSettings, adjust
 from workbench.registration.placement import PlacementSettings, place
 from workbench.synthetic import SimulationOptions, simulate_scans
-from workbench.verification.figures import TradeoffPoint, tradeoff_figure
+from workbench.verification.figures import TradeoffPoint
 
 BUNNY = Path(__file__).resolve().parents[3] / "shared" / "data" / "stanford-bunny"
 KEYPOINTS, DEFAULT = (300, 700, 1500), 700
@@ -248,16 +247,8 @@ def main(out: Path) -> None:
         ratios = [a / b for a, b in zip(row[:3], default[:3], strict=True)]
         print("{:30s}{:9.2f}{:13.2f}{:7.2f}".format(name, *ratios))
     points = [TradeoffPoint(name, row[0], row[2]) for name, row in rows.items()]
-    svg = tradeoff_figure(
-        points, "run time (s)", "median error (mm)", f"{DEFAULT} keypoints, adjusted"
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    drawing = out / "registration_tradeoff.svg"
-    drawing.write_text(svg, encoding="utf-8")
-    renderer = shutil.which("rsvg-convert")
-    if renderer:
-        picture = drawing.with_suffix(".png")
-        subprocess.run([renderer, "-z", "3", "-o", picture, drawing], check=True)
+    chosen = f"{DEFAULT} keypoints, adjusted"
+    draw_tradeoff(out, "registration_tradeoff", points, "median error (mm)", chosen)
 
 
 if __name__ == "__main__":

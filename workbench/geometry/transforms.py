@@ -74,3 +74,14 @@ def nearest_rigid(matrix: ArrayLike) -> Matrix4:
     m = np.asarray(matrix, float)
     u, _, vt = np.linalg.svd(m[:3, :3])
     return rigid(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt, m[:3, 3])
+
+
+def best_rigid(points_in_a: NDArray[np.float64], points_in_b: NDArray[np.float64]) -> Matrix4:
+    """``b_from_a`` that brings paired points (n, 3) closest in the least-squares sense.
+
+    Kabsch 1976; never a reflection. At least three points that are not in line define it.
+    """
+    mean_a, mean_b = points_in_a.mean(axis=0), points_in_b.mean(axis=0)
+    u, _, vt = np.linalg.svd((points_in_b - mean_b).T @ (points_in_a - mean_a))
+    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return rigid(rotation, mean_b - rotation @ mean_a)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.geometry.transforms import Matrix4, apply, rigid, rotate
+from workbench.geometry.transforms import Matrix4, apply, best_rigid, rotate
 from workbench.kernels.compatible_pairs import compatible_pairs
 
 # Histograms' normals are means over a keypoint's cell; of the same place they differ little.
@@ -104,19 +104,11 @@ def agreed_motions(
     return motions[:wanted]
 
 
-def fitted_motion(source: NDArray[np.float64], target: NDArray[np.float64]) -> Matrix4:
-    """The rigid motion of least squared distance, target_from_source (Kabsch 1976)."""
-    a, b = source.mean(axis=0), target.mean(axis=0)
-    u, _, vt = np.linalg.svd((target - b).T @ (source - a))
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return rigid(rotation, b - rotation @ a)
-
-
 def _refined(found: Correspondences, group: NDArray[np.int64], tolerance_m: float) -> Motion | None:
     for _ in range(_REFINEMENTS):
         if len(group) < 3:
             return None
-        motion = fitted_motion(found.source_points[group], found.target_points[group])
+        motion = best_rigid(found.source_points[group], found.target_points[group])
         gap = apply(motion, found.source_points) - found.target_points
         turned = rotate(motion, found.source_normals)
         near = np.einsum("mi,mi->m", gap, gap) < tolerance_m**2

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.geometry.transforms import Matrix4, apply, inverse, rigid, rotation_angle_deg
+from workbench.geometry.transforms import Matrix4, apply, best_rigid, inverse, rotation_angle_deg
 from workbench.metrics import Metric
 
 
@@ -74,11 +74,3 @@ def compare_poses(
         centre = centres_in_scan[name]
         translation.append(np.linalg.norm(apply(estimate[name], centre) - apply(moved, centre)))
     return PoseComparison(common, np.array(rotation), np.array(translation))
-
-
-def best_rigid(points_in_a: NDArray[np.float64], points_in_b: NDArray[np.float64]) -> Matrix4:
-    """``b_from_a`` that brings paired points closest in the least-squares sense (Kabsch)."""
-    mean_a, mean_b = points_in_a.mean(axis=0), points_in_b.mean(axis=0)
-    u, _, vt = np.linalg.svd((points_in_b - mean_b).T @ (points_in_a - mean_a))
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return rigid(rotation, mean_b - rotation @ mean_a)
