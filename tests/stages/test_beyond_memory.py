@@ -60,6 +60,7 @@ def test_what_does_not_fit_is_kept_on_disk_and_solved_in_blocks(in_blocks: Path)
     assert not list((in_blocks / "work" / "infill").glob("parts/*.npz"))
 
 
+@pytest.mark.slow
 def test_the_surface_is_as_good_as_in_one_piece(project: Path, in_blocks: Path) -> None:
     run(project, 1)
     assert metrics_of(project, "fuse")["on_disk"] == 0

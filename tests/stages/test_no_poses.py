@@ -99,6 +99,7 @@ def test_scans_without_poses_are_placed_by_their_shape(statue, tmp_path):
     assert told["given_poses_kept"] is False
 
 
+@pytest.mark.slow
 def test_some_poses_given_the_others_come_to_them(statue, tmp_path):
     folder, true = statue
     given = {f"{name}.ply": true[name] for name in ("scan_01", "scan_02", "scan_05")}

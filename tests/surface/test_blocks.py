@@ -24,7 +24,7 @@ from workbench.surface.blocks import (
 from workbench.surface.poisson import PoissonSettings
 from workbench.surface.provenance import MEASURED
 
-COUNT, NOISE = 30_000, 0.002
+COUNT, NOISE = 16_000, 0.003
 SPACING = float(np.sqrt(4 * np.pi / COUNT))
 SETTINGS = PoissonSettings(8)
 
@@ -76,7 +76,7 @@ Cut = tuple[BlockPlan, Sequence[SurfacePart]]
 @pytest.fixture(scope="module")
 def cut() -> Cut:
     samples = ball_with_a_hole()
-    plan, coarse, cell = plan_for(samples, 12_000)
+    plan, coarse, cell = plan_for(samples, 7_000)
     return plan, list(parts_of(samples, plan, coarse, cell))
 
 
@@ -96,7 +96,7 @@ def test_blocks_close_into_one_surface(cut: Cut, mesh: TriangleMesh) -> None:
     assert edge_census(mesh.triangles).watertight
     provenance = mesh.vertex_attributes["provenance"]
     assert (provenance[mesh.vertices[:, 2] < 0.93] == MEASURED).mean() > 0.995
-    assert (provenance[mesh.vertices[:, 2] > 0.965] == MEASURED).sum() == 0
+    assert (provenance[mesh.vertices[:, 2] > 0.975] == MEASURED).sum() == 0
 
 
 def test_no_seam_is_seen_where_blocks_meet(cut: Cut, mesh: TriangleMesh) -> None:
@@ -108,7 +108,7 @@ def test_no_seam_is_seen_where_blocks_meet(cut: Cut, mesh: TriangleMesh) -> None
     to_face = edge * np.abs(place - np.round(place)).min(axis=1)
     near = measured & (to_face < SPACING)
     far = measured & (to_face > 4 * SPACING)
-    assert near.sum() > 1000
+    assert near.sum() > 500
     rms_near, rms_far = (np.sqrt(np.mean(error_m(mesh.vertices[k]) ** 2)) for k in (near, far))
     assert rms_near < 1.05 * rms_far
     normals = mesh.vertex_attributes["normal"]
@@ -169,7 +169,7 @@ def test_somebody_has_a_say_everywhere_and_fades_out(cut: Cut) -> None:
 def test_blocks_are_as_large_as_samples_allow() -> None:
     samples = sphere_samples(COUNT)
     sizes = []
-    for most in (3_000, 12_000, 10**6):
+    for most in (2_000, 7_000, 10**6):
         plan, _, _ = plan_for(samples, most)
         sizes.append(plan.block_bricks)
         source = HeldSamples(samples)
@@ -180,6 +180,6 @@ def test_blocks_are_as_large_as_samples_allow() -> None:
 
 def test_too_few_samples_make_no_solution() -> None:
     samples = ball_with_a_hole()
-    plan, _, _ = plan_for(samples, 12_000)
+    plan, _, _ = plan_for(samples, 7_000)
     few = samples.chosen(np.arange(50))
     assert solved_block(plan, plan.blocks[0], few, SETTINGS) is None
