@@ -55,6 +55,9 @@ def test_ten_kills_at_random_moments_change_nothing(undisturbed, tmp_path):
         if run.poll() is None:
             run.send_signal(signal.SIGKILL)
             killed += 1
+        else:
+            # The machine was quicker than foretold: a run with nothing to do proves nothing.
+            shutil.rmtree(project / "work")
         run.wait()
     assert killed >= 3
     after = workbench("run", project, *QUICK)
