@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workbench.errors import InputError, WorkbenchError
 from workbench.pipeline.records import library_versions
-from workbench.working_directory import WORKING_DIRECTORY
 
 if TYPE_CHECKING:
     from workbench.pipeline.progress import Progress
@@ -22,41 +21,48 @@ _ANSWER_SECONDS = 10.0
 def local_cluster(workers: int, libraries: tuple[str, ...] = ()) -> Iterator[Any]:
     """A Dask client of ``workers`` processes on this machine, which end with the block.
 
-    ``libraries`` are loaded in each, as `load_libraries` says.
+    Of ``libraries``, each loads those that `bound_to_main_thread` tells.
     """
     import dask
     from distributed import Client, LocalCluster
 
     settings = {"distributed.worker.daemon": True, "distributed.admin.tick.interval": "1s"}
-    with dask.config.set(settings), ExitStack() as stack:
-        with WORKING_DIRECTORY:
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    # Room is checked before the run. Dask's own limit would halt or kill an
-                    # item that takes more than its equal share while its neighbours take less.
-                    memory_limit=0,
-                    dashboard_address=None,
-                    silence_logs=50,
-                    host="127.0.0.1",
-                )
-            )
-        client = stack.enter_context(Client(cluster))
-        client.run(load_libraries, libraries)
+    with (
+        dask.config.set(settings),
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            # Room is checked before the run. Dask's own limit would halt or kill an item that
+            # takes more than its equal share while its neighbours take less.
+            memory_limit=0,
+            dashboard_address=None,
+            silence_logs=50,
+            host="127.0.0.1",
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        client.run(load_in_main_thread, libraries)
         yield client
 
 
-def load_libraries(distributions: tuple[str, ...]) -> None:
-    """Import what a stage will need, in the main thread of the process.
+def bound_to_main_thread(libraries: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of a stage's libraries that a process must load in its main thread.
 
-    Items run in other threads, and PyMeshLab ends the process with a corrupted heap where it
-    was loaded by one of those. Who lacks a library says so when it needs it.
+    PyMeshLab ends its process with a corrupted heap where another thread loaded it. While it
+    works it also moves the whole process into a temporary folder, where none should start.
     """
-    for name in distributions:
+    return tuple(name for name in libraries if name == "pymeshlab")
+
+
+def load_in_main_thread(libraries: tuple[str, ...]) -> None:
+    """Load what must not be loaded by the threads that items run in.
+
+    Who lacks a library says so when it needs it.
+    """
+    for name in bound_to_main_thread(libraries):
         with suppress(ImportError):
-            import_module(name.replace("-", "_"))
+            import_module(name)
 
 
 @contextmanager
@@ -97,7 +103,7 @@ def the_cluster_at(
                 fix=f"start some with `dask worker {address}`",
             ) from error
         _check_workers(client, witness, libraries)
-        client.run(load_libraries, libraries)
+        client.run(load_in_main_thread, libraries)
         progress.line(f"  dashboard: {client.dashboard_link}")
         yield client
 

@@ -171,7 +171,7 @@ class Tasks:
         if not todo:
             return
         from workbench.pipeline.cluster import (
-            load_libraries,
+            bound_to_main_thread,
             local_cluster,
             results_of,
             the_cluster_at,
@@ -188,7 +188,10 @@ class Tasks:
             for name, payload in waiting.items():
                 yield name, run(name, payload)
             return
-        load_libraries(self.libraries)
+        if bound_to_main_thread(self.libraries):
+            with local_cluster(min(self.workers, len(waiting)), self.libraries) as client:
+                yield from results_of(client, run, waiting)
+            return
         # Items begin here, and what is not begun after as long as a cluster takes to start
         # goes to workers. So small items never pay for a cluster, and large ones wait for
         # none: however long items take, at most that start is lost.
@@ -202,7 +205,7 @@ class Tasks:
                 break
             yield name, here.result()
         if waiting:
-            with local_cluster(min(self.workers, len(waiting)), self.libraries) as client:
+            with local_cluster(min(self.workers, len(waiting))) as client:
                 for outcome in results_of(client, run, waiting):
                     if here.done():
                         here.result()  # an error of it is told now, not after all the others

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError, WorkbenchError
 from workbench.geometry.mesh import TriangleMesh
-from workbench.working_directory import WORKING_DIRECTORY
 
 # The solver works in a cube this much larger than the samples' box.
 CUBE_SCALE = 1.1
@@ -93,15 +92,14 @@ def reconstruct(
         pymeshlab.Mesh(vertex_matrix=(points - centre) / extent, v_normals_matrix=normals)
     )
     try:
-        with WORKING_DIRECTORY:
-            meshes.generate_surface_reconstruction_screened_poisson(
-                depth=settings.depth,
-                pointweight=settings.point_weight,
-                samplespernode=settings.samples_per_node,
-                scale=settings.cube_scale,
-                threads=settings.threads,
-                preclean=False,
-            )
+        meshes.generate_surface_reconstruction_screened_poisson(
+            depth=settings.depth,
+            pointweight=settings.point_weight,
+            samplespernode=settings.samples_per_node,
+            scale=settings.cube_scale,
+            threads=settings.threads,
+            preclean=False,
+        )
     except pymeshlab.PyMeshLabException as error:
         raise WorkbenchError(
             "Screened Poisson failed", found=str(error), fix="try another infill.depth"
