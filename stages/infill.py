@@ -20,7 +20,9 @@ from workbench.project.settings import StageOptions
 if TYPE_CHECKING:
     from workbench.cloud.sample_source import SampleSource
     from workbench.geometry.mesh import TriangleMesh
-    from workbench.surface.blocks import SurfacePart
+    from workbench.geometry.samples import Samples
+    from workbench.surface.block_plan import BlockPlan
+    from workbench.surface.blocks import CoarseSolution, SurfacePart
     from workbench.surface.poisson import PoissonSettings
 
 # The whole is solved from so many samples at most where it does not fit in one block.
@@ -115,20 +117,25 @@ def run(job: Job[InfillOptions]) -> StageResult:
     with stored_samples(products, artefact) as source:
         count, (low, high) = len(source), source.bounds
         spacing = float(np.median(source.thinned(options.block_samples).radius_m))
-    depth = options.depth
-    if depth == "auto":
-        depth = depth_for_spacing(low, high, spacing)
-    in_one = count <= options.block_samples and depth <= MAX_DEPTH
-    # Blocks have cubes of their own, which need not halve that of the whole.
-    exact = options.depth == "auto" and not in_one
-    cell = spacing if exact else cell_size_m(low, high, depth)
-    settings = PoissonSettings(
-        depth, options.point_weight, options.samples_per_node, options.threads
-    )
+        depth = options.depth
+        if depth == "auto":
+            depth = depth_for_spacing(low, high, spacing)
+        in_one = count <= options.block_samples and depth <= MAX_DEPTH
+        # Blocks have cubes of their own, which need not halve that of the whole.
+        exact = options.depth == "auto" and not in_one
+        cell = spacing if exact else cell_size_m(low, high, depth)
+        settings = PoissonSettings(
+            depth, options.point_weight, options.samples_per_node, options.threads
+        )
+        if in_one:
+            samples = source.thinned(count)
+        else:
+            plan, coarse = planned(job, source, cell, spacing, settings)
     if in_one:
-        mesh, metrics = in_one_block(job, artefact, cell, settings)
+        mesh, metrics = in_one_block(job, samples, cell, settings)
     else:
-        mesh, metrics = in_blocks(job, artefact, cell, spacing, settings)
+        # The blocks open the samples themselves, each where it is worked at.
+        mesh, metrics = in_blocks(job, artefact, plan, coarse, spacing, settings)
     keep, pieces = without_unmeasured_pieces(mesh, mesh.vertex_attributes["provenance"])
     if pieces:  # A large surface is not copied for nothing.
         mesh = mesh.keep_triangles(keep)
@@ -169,7 +176,7 @@ def stored_samples(products: Any, artefact: str) -> AbstractContextManager[Sampl
 
 
 def in_one_block(
-    job: Job[InfillOptions], artefact: str, cell_m: float, settings: PoissonSettings
+    job: Job[InfillOptions], samples: Samples, cell_m: float, settings: PoissonSettings
 ) -> tuple[TriangleMesh, tuple[Metric, ...]]:
     """One solution of all samples, with what the samples say about its vertices."""
     from workbench.geometry.mesh import edge_census, vertex_normals
@@ -178,8 +185,6 @@ def in_one_block(
     from workbench.surface.provenance import told_by_samples
     from workbench.surface.refinement import moved_onto_samples
 
-    with stored_samples(job.products, artefact) as source:
-        samples = source.thinned(len(source))
     with job.progress.step(f"screened Poisson at depth {settings.depth}"):
         mesh = reconstruct(samples.points, samples.normals, settings)
     cut = not edge_census(mesh.triangles).watertight
@@ -193,33 +198,45 @@ def in_one_block(
     return mesh, _solution_metrics(1, cut)
 
 
-def in_blocks(
+def planned(
     job: Job[InfillOptions],
-    artefact: str,
+    source: SampleSource,
     cell_m: float,
     spacing_m: float,
     settings: PoissonSettings,
-) -> tuple[TriangleMesh, tuple[Metric, ...]]:
-    """The same in blocks that overlap, blended into one surface."""
+) -> tuple[BlockPlan, CoarseSolution]:
+    """One coarse solution of the whole, and the blocks to solve finely; both are stored."""
     from workbench.surface.block_plan import bricks_held, lattice_for, plan_blocks
-    from workbench.surface.blocks import bricks_missed, coarse_solution, joined
+    from workbench.surface.blocks import coarse_solution
 
-    products, options = job.products, job.options
-    with stored_samples(products, artefact) as source:
-        count, (low, high) = len(source), source.bounds
-        thinned = source.thinned(min(_MOST_COARSE_SAMPLES, count // _LEAST_COARSE_SHARE))
+    count, (low, high) = len(source), source.bounds
+    thinned = source.thinned(min(_MOST_COARSE_SAMPLES, count // _LEAST_COARSE_SHARE))
     apart = spacing_m * float(np.sqrt(count / len(thinned)))
     with job.progress.step("one coarse solution of the whole"):
         coarse = coarse_solution(thinned, apart, low, high, settings)
-    products.save("coarse_surface", coarse.mesh)
     vertices = coarse.mesh.vertices
     lattice = lattice_for(
         np.minimum(low, vertices.min(axis=0)), np.maximum(high, vertices.max(axis=0)), cell_m
     )
-    with stored_samples(products, artefact) as source:
-        bricks, held = bricks_held(lattice, source.places(), vertices)
-    plan = plan_blocks(lattice, cell_m, bricks, held, options.block_samples)
-    products.save("block_plan", plan.as_dict())
+    bricks, held = bricks_held(lattice, source.places(), vertices)
+    plan = plan_blocks(lattice, cell_m, bricks, held, job.options.block_samples)
+    job.products.save("coarse_surface", coarse.mesh)
+    job.products.save("block_plan", plan.as_dict())
+    return plan, coarse
+
+
+def in_blocks(
+    job: Job[InfillOptions],
+    artefact: str,
+    plan: BlockPlan,
+    coarse: CoarseSolution,
+    spacing_m: float,
+    settings: PoissonSettings,
+) -> tuple[TriangleMesh, tuple[Metric, ...]]:
+    """The same in blocks that overlap, blended into one surface."""
+    from workbench.surface.blocks import bricks_missed, joined
+
+    products, options = job.products, job.options
     names = {plan.name(block): block.tolist() for block in plan.blocks}
     shared = {
         "plan": hash_of_value(plan.as_dict()),

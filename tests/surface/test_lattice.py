@@ -7,6 +7,7 @@ import pytest
 from bodies import volume
 
 from workbench.geometry.mesh import TriangleMesh, edge_census
+from workbench.kernels.bcc_isosurface import edge_points, indexed_triangles
 from workbench.surface.lattice import Lattice, Part, surface_part
 
 RADIUS, SPACING = 0.3, 0.01
@@ -25,9 +26,8 @@ def lattice_over(center: np.ndarray, reach: float = RADIUS) -> Lattice:
 def mesh_of(lattice: Lattice, *parts: Part) -> TriangleMesh:
     keys = np.concatenate([part.keys for part in parts])
     fractions = np.concatenate([part.fractions for part in parts])
-    names, first, corners = np.unique(keys, return_index=True, return_inverse=True)
-    vertices = lattice.vertices(names, fractions.reshape(-1)[first])
-    return TriangleMesh(vertices, corners.reshape(-1, 3).astype(np.int32))
+    _, vertices, triangles = indexed_triangles(keys, fractions, lattice.stride)
+    return TriangleMesh(lattice.positions(vertices), triangles)
 
 
 def seeds_of(lattice: Lattice, *points: np.ndarray) -> np.ndarray:
@@ -119,7 +119,8 @@ def test_bricks_and_names_belong_together() -> None:
     )
     keys = np.unique(part.keys)
     home = lattice.bricks_of_edges(keys)
-    places = lattice.vertices(keys, np.full(len(keys), 0.001))
+    near_lower = edge_points(keys, np.full(len(keys), 0.001), lattice.stride)
+    places = lattice.positions(near_lower)
     expected = np.floor((places - lattice.low) / lattice.brick_m + 1e-4)
     # The lower node of an edge that leads back across a face lies beyond it.
     assert (np.abs(home - expected) <= 1).all()

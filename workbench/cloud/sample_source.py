@@ -63,8 +63,7 @@ class HeldSamples:
         return self.samples.bounds
 
     def within(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Samples:
-        points = self.samples.points
-        return self.samples.chosen(np.asarray(((points >= low) & (points <= high)).all(axis=1)))
+        return self.samples.chosen(Box(low, high).contains(self.samples.points))
 
     def places(self) -> Iterator[NDArray[np.float64]]:
         yield self.samples.points

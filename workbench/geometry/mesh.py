@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _EDGES_AT_ONCE = 1 << 25
+_ATTRIBUTE = "vertex_"
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,21 @@ class TriangleMesh:
     def with_attributes(self, **attributes: NDArray[Any]) -> TriangleMesh:
         """The same mesh with further (or replaced) vertex attributes."""
         return TriangleMesh(self.vertices, self.triangles, {**self.vertex_attributes, **attributes})
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """As stored: ``vertices``, ``triangles`` and ``vertex_`` + name of each attribute."""
+        attributes = {f"{_ATTRIBUTE}{k}": v for k, v in self.vertex_attributes.items()}
+        return {"vertices": self.vertices, "triangles": self.triangles, **attributes}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> TriangleMesh:
+        """The mesh that `arrays` told; further arrays are passed over."""
+        attributes = {
+            name.removeprefix(_ATTRIBUTE): values
+            for name, values in arrays.items()
+            if name.startswith(_ATTRIBUTE)
+        }
+        return cls(arrays["vertices"], arrays["triangles"], attributes)
 
     def keep_triangles(self, keep: NDArray[np.bool_]) -> TriangleMesh:
         """The triangles where ``keep`` (m,) is true and the vertices they use, in order."""

@@ -36,6 +36,7 @@ _PERMUTATIONS = np.array(
     ],
     dtype=np.int64,
 )
+_LEAST_FRACTION = 0.001
 _INSIDE = np.array([0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4], dtype=np.int64)
 _RING = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.int64)
 
@@ -190,3 +191,20 @@ def edge_points(
     i, j = np.divmod(rest, stride)
     low = np.stack([i, j, k], axis=1).astype(np.float64)
     return low + fractions[:, None] * EDGE_DIRECTIONS[direction]
+
+
+def indexed_triangles(
+    keys: NDArray[np.int64], fractions: NDArray[np.float64], stride: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int32]]:
+    """The triangles of ``block_triangles`` over vertices that are there once.
+
+    Returns
+    -------
+    names : (n,) of the edges that the vertices lie on, sorted.
+    vertices : (n, 3) in half lattice spacings.
+    triangles : (m, 3) int32.
+    """
+    names, first, corners = np.unique(keys, return_index=True, return_inverse=True)
+    # A crossing at a node itself would give faces without area.
+    along = np.clip(fractions.reshape(-1)[first], _LEAST_FRACTION, 1.0 - _LEAST_FRACTION)
+    return names, edge_points(names, along, stride), corners.reshape(-1, 3).astype(np.int32)

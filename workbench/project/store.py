@@ -96,7 +96,7 @@ class ProductStore:
             if artefact.format == "range-map":
                 fields: dict[str, Any] = {key: arrays.get(key) for key in _RANGE_MAP_FIELDS}
                 return RangeMap(name=item or "", **fields)
-            return _mesh(arrays) if artefact.format == "mesh" else arrays
+            return TriangleMesh.from_arrays(arrays) if artefact.format == "mesh" else arrays
         except _DAMAGE as error:
             raise InputError(
                 f"{artefact.description}: damaged",
@@ -117,11 +117,7 @@ class ProductStore:
                 fields = {k: getattr(value, k) for k in _RANGE_MAP_FIELDS}
                 _write_arrays(path, {k: v for k, v in fields.items() if v is not None})
             elif artefact.format == "mesh":
-                attributes = {f"vertex_{k}": v for k, v in value.vertex_attributes.items()}
-                _write_arrays(
-                    path,
-                    {"vertices": value.vertices, "triangles": value.triangles, **attributes},
-                )
+                _write_arrays(path, value.arrays())
             elif artefact.format == "arrays":
                 _write_arrays(path, value)
             else:
@@ -142,11 +138,6 @@ def _artefact(name: str) -> Artefact:
         return ARTEFACTS[name]
     except KeyError:
         raise ValueError(f"{name!r} is not in the artefact table") from None
-
-
-def _mesh(arrays: Mapping[str, Any]) -> TriangleMesh:
-    attributes = {k.removeprefix("vertex_"): v for k, v in arrays.items() if k[:7] == "vertex_"}
-    return TriangleMesh(arrays["vertices"], arrays["triangles"], attributes)
 
 
 def _write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:

@@ -23,9 +23,8 @@ from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.transforms import Matrix4, apply, from_twist, nearest_rigid
 from workbench.registration.correspondence import Matcher, Matches, OverlapGraph, overlap_graph
 from workbench.registration.freedom import Freedom, freedom_in_words, told_apart, unconstrained
+from workbench.registration.robust import robust_sigma, tukey_weights
 
-_TUKEY = 4.685  # 95 % efficient on Gaussian residuals
-_MAD_TO_SIGMA = 1.4826
 _ASKED_TWICE = 2.0
 # Matching may end in a cycle of a few states. Steps that no longer shrink, this far below
 # what noise does to the poses, are at rest.
@@ -177,8 +176,8 @@ def adjust(
         residuals_before=before,
         residuals_given=given,
         residuals_after=after,
-        sigma_given_m=_robust_sigma(given),
-        sigma_m=_robust_sigma(after),
+        sigma_given_m=robust_sigma(given),
+        sigma_m=robust_sigma(after),
         covariance=covariance,
         condition=condition,
         freedoms=tuple(freedom_in_words(motion, names) for motion in motions),
@@ -205,14 +204,14 @@ class _System:
         n = len(scans)
         residuals = [match.plane_residuals() for match in matches]
         pooled = np.concatenate(residuals) if residuals else np.zeros(0)
-        self.sigma_m = max(_robust_sigma(pooled), 1e-9 * radius)
+        self.sigma_m = max(robust_sigma(pooled), 1e-9 * radius)
         self.matrix = np.zeros((6 * n, 6 * n))
         # What the matrix would be if every match held its points in all three directions.
         self._held_in_space = np.zeros((6 * n, 6 * n))
         self._gradient = np.zeros(6 * n)
         weights, angles, distances = [], [], []
         for match, residual in zip(matches, residuals, strict=True):
-            weight = np.maximum(1.0 - (residual / (_TUKEY * self.sigma_m)) ** 2, 0.0) ** 2
+            weight = tukey_weights(residual, self.sigma_m)
             self._add(match, residual, weight)
             cosine = np.einsum("mi,mi->m", match.source_normals, match.target_normals)
             weights.append(weight)
@@ -343,11 +342,6 @@ def _match_all(
 
 def _residuals(matches: Sequence[Matches]) -> NDArray[np.float64]:
     return np.concatenate([m.plane_residuals() for m in matches]) if matches else np.zeros(0)
-
-
-def _robust_sigma(residuals: NDArray[np.float64]) -> float:
-    """Standard deviation from the median of absolute values; 0 without residuals."""
-    return _MAD_TO_SIGMA * float(np.median(np.abs(residuals))) if len(residuals) else 0.0
 
 
 def _weighted_mean_square(

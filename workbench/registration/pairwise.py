@@ -22,6 +22,7 @@ from workbench.registration.correspondence import Matcher, Matches
 from workbench.registration.features import Keypoints
 from workbench.registration.freedom import unconstrained
 from workbench.registration.freespace import FreeSpace
+from workbench.registration.robust import robust_sigma, tukey_weights
 
 _RECIPROCAL = 2
 # Their compatibility fills a square table.
@@ -33,7 +34,6 @@ _GLANCING_SAMPLES, _REFINING_SAMPLES, _JUDGING_SAMPLES = 200, 400, 1000
 _GLANCING_ROUNDS, _ROUNDS = 6, 20
 # A candidate that explains less of what it should after a first glance is not pursued.
 _GLANCED = 0.6
-_TUKEY, _MAD_TO_SIGMA = 4.685, 1.4826
 _PLACES = 12
 # Samples of one surface lie this many times their roughness apart at most.
 _NOISE_FACTOR = 4.0
@@ -290,8 +290,7 @@ def _step(there: Matches, back: Matches) -> Matrix4 | None:
     middle = points.mean(axis=0)
     arm = points - middle
     size = max(float(np.sqrt((arm**2).sum(axis=1).mean())), 1e-12)
-    sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(residual))), 1e-9 * size)
-    weight = np.maximum(1.0 - (residual / (_TUKEY * sigma)) ** 2, 0.0) ** 2
+    weight = tukey_weights(residual, max(robust_sigma(residual), 1e-9 * size))
     jacobian = np.concatenate([np.cross(arm / size, normals), normals], axis=1)
     normal_matrix = (jacobian * weight[:, None]).T @ jacobian
     ridge = 1e-4 * float(np.trace(normal_matrix))

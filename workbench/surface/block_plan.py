@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from workbench.surface.lattice import Lattice
 
-# Lattice cells per octree cell: as many vertices as the solver's own extraction gives.
+# Lattice cells per octree cell; at 0.5 rods as thin as a cell are lost.
 CELLS_PER_OCTREE_CELL = 0.7
-# In bricks of 4 lattice cells, which are 8 octree cells wide.
+# In bricks of 4 lattice cells, which are some 6 octree cells wide.
 RAMP_BRICKS, MARGIN_BRICKS = 1, 2
 _LEAST_BLOCK_BRICKS = 4
 

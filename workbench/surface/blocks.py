@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from workbench.errors import WorkbenchError
 from workbench.geometry.mesh import TriangleMesh, edge_census, vertex_normals
 from workbench.geometry.neighbours import nearest
 from workbench.geometry.samples import Samples
+from workbench.kernels.bcc_isosurface import indexed_triangles
 from workbench.surface.block_field import BlendedField
 from workbench.surface.block_plan import BlockPlan
 from workbench.surface.closing import closed_at_box
@@ -33,8 +34,6 @@ from workbench.surface.refinement import moved_onto_samples
 
 # Fewer samples say too little about a surface; the coarse solution knows as much.
 _LEAST_SAMPLES = 100
-# Rings of triangles that one cell is at least worth.
-_RINGS_PER_CELL = 1
 
 
 @dataclass(frozen=True)
@@ -74,28 +73,14 @@ class SurfacePart:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """As stored: one array for each thing there is."""
-        attributes = {f"vertex_{k}": v for k, v in self.mesh.vertex_attributes.items()}
-        return {
-            "vertices": self.mesh.vertices,
-            "triangles": self.mesh.triangles,
-            "keys": self.keys,
-            "own": self.own,
-            "looked_at": self.looked_at,
-            "entered": self.entered,
-            **attributes,
-        }
+        names = (f.name for f in fields(self) if f.name != "mesh")
+        return self.mesh.arrays() | {name: getattr(self, name) for name in names}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> SurfacePart:
         """The part that `arrays` told."""
-        attributes = {
-            name.removeprefix("vertex_"): values
-            for name, values in arrays.items()
-            if name.startswith("vertex_")
-        }
-        mesh = TriangleMesh(arrays["vertices"], arrays["triangles"], attributes)
-        names = ("keys", "own", "looked_at", "entered")
-        return cls(mesh, *(arrays[name] for name in names))
+        names = [f.name for f in fields(cls) if f.name != "mesh"]
+        return cls(TriangleMesh.from_arrays(arrays), *(arrays[name] for name in names))
 
 
 def coarse_solution(
@@ -182,12 +167,11 @@ def part_of_block(
     lattice = plan.lattice
     first, last = plan.bricks(block)
     # What moves a vertex depends on the rings of triangles around it: one for each round, and
-    # one for its normal afterwards.
-    halo = math.ceil((refine_rounds + 1) / (_RINGS_PER_CELL * BRICK_CELLS))
+    # one for its normal afterwards. A ring is no wider than a cell.
+    halo = math.ceil((refine_rounds + 1) / BRICK_CELLS)
     part = surface_part(field, lattice, seeds, first - halo, last + halo)
-    keys, where, corners = np.unique(part.keys, return_index=True, return_inverse=True)
-    vertices = lattice.vertices(keys, part.fractions.reshape(-1)[where])
-    mesh = TriangleMesh(vertices, corners.reshape(-1, 3).astype(np.int32))
+    keys, vertices, triangles = indexed_triangles(part.keys, part.fractions, lattice.stride)
+    mesh = TriangleMesh(lattice.positions(vertices), triangles)
     if len(samples):
         mesh = moved_onto_samples(mesh, samples, refine_rounds)
     bricks = lattice.unnumbered(part.brick)

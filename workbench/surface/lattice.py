@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.kernels.bcc_blocks import triangles_of_blocks
-from workbench.kernels.bcc_isosurface import EDGE_DIRECTIONS, edge_points
+from workbench.kernels.bcc_isosurface import EDGE_DIRECTIONS
 
 BRICK_CELLS = 4
-# A crossing at a node itself would give faces without area.
-_LEAST_FRACTION = 0.001
 _BRICKS_AT_ONCE = 4096
 _NEIGHBOURS = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
 
@@ -80,16 +78,9 @@ class Lattice:
         nodes = _nodes(keys // len(EDGE_DIRECTIONS), self.stride)
         return np.asarray(np.minimum(nodes // (2 * BRICK_CELLS), self.bricks - 1))
 
-    def positions(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Places (n, 3) in metres of nodes (n, 3)."""
+    def positions(self, nodes: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places (n, 3) in metres of nodes, or of places between them, (n, 3)."""
         return self.low + nodes * (0.5 * self.spacing_m)
-
-    def vertices(
-        self, keys: NDArray[np.int64], fractions: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Places (n, 3) in metres of crossings (n,) of named edges."""
-        along = np.clip(fractions, _LEAST_FRACTION, 1.0 - _LEAST_FRACTION)
-        return self.low + edge_points(keys, along, self.stride) * (0.5 * self.spacing_m)
 
     def __post_init__(self) -> None:
         if float(self.stride) ** 3 * len(EDGE_DIRECTIONS) > 2.0**63:

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from workbench.errors import WorkbenchError
 from workbench.geometry.mesh import TriangleMesh, edge_census
-from workbench.kernels.bcc_isosurface import edge_points
+from workbench.kernels.bcc_isosurface import indexed_triangles
 from workbench.kernels.carved_blocks import BLOCK_CELLS, carve_blocks, distances_by_cell
 
 _CELL_M = 0.02
@@ -127,7 +127,9 @@ def carved_mesh(solid: Solid, spacing_m: float) -> TriangleMesh:
             found = wave[block] + _NEIGHBOURS[face]
             found = found[((found >= 0) & (found < extent)).all(axis=1)]
             wave = np.unique(found[~visited[tuple(found.T)]], axis=0)
-    vertices, triangles = _indexed(np.concatenate(keys), np.concatenate(fractions), stride)
+    _, vertices, triangles = indexed_triangles(
+        np.concatenate(keys), np.concatenate(fractions), stride
+    )
     mesh = TriangleMesh(solid.low + vertices * (0.5 * spacing_m), triangles)
     mesh = _largest_component(mesh)
     census = edge_census(mesh.triangles)
@@ -152,16 +154,6 @@ def _first_block(solid: Solid, spacing_m: float) -> NDArray[np.int64]:
         np.int64
     )
     return block
-
-
-def _indexed(
-    keys: NDArray[np.int64], fractions: NDArray[np.float64], stride: int
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Vertices in half lattice spacings and triangles over them."""
-    names, first, triangles = np.unique(keys, return_index=True, return_inverse=True)
-    # A crossing at a node itself would give faces without area.
-    along = np.clip(fractions.reshape(-1)[first], 0.001, 0.999)
-    return edge_points(names, along, stride), triangles.reshape(-1, 3).astype(np.int32)
 
 
 def _largest_component(mesh: TriangleMesh) -> TriangleMesh:
