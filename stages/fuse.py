@@ -93,8 +93,8 @@ def run(job: Job[FuseOptions]) -> StageResult:
             "No sample of any scan can be trusted",
             fix="loosen fuse.max_incidence_deg or fuse.min_neighbours, or check the scans",
         )
-    spacings = [products.load("oriented_scans", name)["spacing_m"] for name in names]
-    spacing = float(np.median(np.concatenate(spacings)))
+    spacings = [products.load("oriented_scans", name, only=["spacing_m"]) for name in names]
+    spacing = float(np.median(np.concatenate([of["spacing_m"] for of in spacings])))
     cell = options.thinning * spacing
     trusted = [entry for entry in entries if found[entry["name"]]["samples"]]
     # One scan without colour, and the samples have none.

@@ -65,6 +65,9 @@ def test_the_same_value_gives_the_same_bytes(store, rng, monkeypatch):
     monkeypatch.setattr("time.time", lambda: 2e9)
     assert store.save("samples", arrays).read_bytes() == first
     assert set(store.load("samples")) == {"a", "b"}
+    assert set(store.load("samples", only=["a"])) == {"a"}
+    with pytest.raises(InputError, match="damaged"):
+        store.load("samples", only=["c"])
 
 
 def test_arrays_of_objects_are_refused(store):

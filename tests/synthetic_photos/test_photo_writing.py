@@ -16,6 +16,7 @@ import pytest
 from workbench.formats.colmap import read_colmap_text
 from workbench.pipeline.cluster import local_cluster, results_of
 from workbench.synthetic import Scene, SimulationOptions
+from workbench.synthetic import photo_series as series
 from workbench.synthetic import photo_writing as writing
 from workbench.synthetic.photo_options import PhotoOptions
 from workbench.synthetic.photography import photograph, studio_of
@@ -34,7 +35,7 @@ def written(
     tmp_path_factory: pytest.TempPathFactory, ball_scene: Scene, options: PhotoOptions
 ) -> Path:
     out = tmp_path_factory.mktemp("written")
-    return writing.write_photos(out, ball_scene, SIMULATION, options)
+    return series.write_photos(out, ball_scene, SIMULATION, options)
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -62,7 +63,7 @@ def test_everything_that_was_promised_is_there(written: Path) -> None:
 def test_the_same_options_give_the_same_bytes_whatever_the_workers(
     tmp_path: Path, written: Path, ball_scene: Scene, options: PhotoOptions
 ) -> None:
-    again = writing.write_photos(tmp_path, ball_scene, SIMULATION, options, workers=1)
+    again = series.write_photos(tmp_path, ball_scene, SIMULATION, options, workers=1)
     assert contents(again) == contents(written)
 
 
@@ -94,7 +95,7 @@ def test_only_what_is_missing_or_stale_is_taken_again(
         original(*arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(writing, "write_photograph", counted)
-    writing.write_photos(tmp_path, ball_scene, SIMULATION, options)
+    series.write_photos(tmp_path, ball_scene, SIMULATION, options)
     before = contents(tmp_path)
     total = len(writing.photo_items(options))
     assert len(taken) == total
@@ -102,7 +103,7 @@ def test_only_what_is_missing_or_stale_is_taken_again(
     (tmp_path / "photos" / "photo_001.dng").unlink()
     (tmp_path / "truth" / "photos" / "records" / "flat_00.json").write_text("{", encoding="utf-8")
     seen: list[tuple[int, int]] = []
-    writing.write_photos(
+    series.write_photos(
         tmp_path, ball_scene, SIMULATION, options, lambda done, of, label: seen.append((done, of))
     )
     assert sorted(taken) == ["flat_00", "photo_001"]
@@ -110,7 +111,7 @@ def test_only_what_is_missing_or_stale_is_taken_again(
     assert contents(tmp_path) == before
     taken.clear()
     changed = options.model_copy(update={"flash": options.flash.model_copy(update={"mode": "ttl"})})
-    writing.write_photos(tmp_path, ball_scene, SIMULATION, changed)
+    series.write_photos(tmp_path, ball_scene, SIMULATION, changed)
     assert len(taken) == total
 
 
@@ -191,7 +192,7 @@ def test_a_broken_photograph_stops_the_run_and_leaves_no_half_file(
 
     monkeypatch.setattr(writing, "write_dng", full)
     with pytest.raises(OSError, match="space"):
-        writing.write_photos(tmp_path, ball_scene, SIMULATION, options)
+        series.write_photos(tmp_path, ball_scene, SIMULATION, options)
     assert not list((tmp_path / "photos").iterdir())
     assert not list((tmp_path / "truth" / "photos" / "records").iterdir())
 
@@ -207,7 +208,7 @@ def test_other_processes_take_the_same_photographs(
         charts={"color_frames": 1, "flat_frames": 0, "linearity_distances_m": ()},
     )
     scene = build_scene(simulation)
-    here = writing.write_photos(tmp_path / "here", scene, simulation, options)
+    here = series.write_photos(tmp_path / "here", scene, simulation, options)
 
     def two_processes(
         witness: Path, run: Callable[..., None], items: dict[str, dict[str, object]]
@@ -216,7 +217,7 @@ def test_other_processes_take_the_same_photographs(
         with local_cluster(2) as client:
             yield from results_of(client, run, items)
 
-    there = writing.write_photos(
+    there = series.write_photos(
         tmp_path / "there", scene, simulation, options, elsewhere=two_processes
     )
     assert contents(here) == contents(there)

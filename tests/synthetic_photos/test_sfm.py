@@ -11,7 +11,7 @@ import pytest
 from workbench.formats.colmap import ColmapModel, read_colmap_text
 from workbench.synthetic import SimulationOptions, build_scene
 from workbench.synthetic.photo_options import PhotoOptions
-from workbench.synthetic.photo_writing import write_photos
+from workbench.synthetic.photo_series import write_photos
 
 rawpy = pytest.importorskip("rawpy")
 pycolmap = pytest.importorskip("pycolmap")

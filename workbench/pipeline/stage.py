@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,9 +67,9 @@ class Products:
         self._writes = frozenset(writes)
         self._written: set[str] = set()
 
-    def load(self, name: str, item: str | None = None) -> Any:
-        """The value of a declared artefact."""
-        return self._project.store.load(self._there(name), item)
+    def load(self, name: str, item: str | None = None, only: Sequence[str] | None = None) -> Any:
+        """The value of a declared artefact; of arrays ``only`` those named."""
+        return self._project.store.load(self._there(name), item, only)
 
     def load_if_there(self, name: str, item: str | None = None) -> Any | None:
         """The value of a declared artefact, None where it was left out."""

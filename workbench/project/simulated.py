@@ -17,7 +17,7 @@ from workbench.project.project import Project
 from workbench.project.settings import first_problem, load_preset, merged, parse_assignment
 from workbench.synthetic.options import SimulationOptions
 from workbench.synthetic.photo_options import PhotoOptions
-from workbench.synthetic.photo_writing import PhotographsElsewhere, write_photos
+from workbench.synthetic.photo_series import PhotographsElsewhere, write_photos
 from workbench.synthetic.simulation import build_scene
 from workbench.synthetic.writing import is_simulated, write_simulation
 

@@ -11,7 +11,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,8 +81,11 @@ class ProductStore:
         """Whether the artefact (or one item of it) is there."""
         return self.path(name, item).exists()
 
-    def load(self, name: str, item: str | None = None) -> Any:
-        """The value of an artefact: dict, arrays, ``RangeMap``, ``TriangleMesh`` or a path."""
+    def load(self, name: str, item: str | None = None, only: Sequence[str] | None = None) -> Any:
+        """The value of an artefact: dict, arrays, ``RangeMap``, ``TriangleMesh`` or a path.
+
+        Of ``arrays``, ``only`` those that are named are read; what is not there is damage.
+        """
         artefact, path = _artefact(name), self.path(name, item)
         if not path.exists():
             raise InputError(f"{artefact.description}: not there", file=path, fix="run the stages")
@@ -92,7 +95,7 @@ class ProductStore:
             if artefact.format == "file":
                 return path
             with np.load(path, allow_pickle=False) as archive:
-                arrays = {key: archive[key] for key in archive.files}
+                arrays = {key: archive[key] for key in only or archive.files}
             if artefact.format == "range-map":
                 fields: dict[str, Any] = {key: arrays.get(key) for key in _RANGE_MAP_FIELDS}
                 return RangeMap(name=item or "", **fields)
