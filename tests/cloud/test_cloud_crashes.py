@@ -1,4 +1,4 @@
-"""Processes killed at random moments: what is on disk is the last commit, whole."""
+"""Processes killed at random moments, and full disks: what is there is the last commit, whole."""
 
 from __future__ import annotations
 
@@ -112,3 +112,33 @@ def test_a_killed_update_leaves_the_last_commit(built: Path, tmp_path: Path, aft
         cloud.commit()
     with LayeredCloud(path) as cloud:
         assert (cloud.query(names=["color"]).arrays["color"] == 251).all()
+
+
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from workbench.cloud.layered_cloud import LayeredCloud
+from workbench.errors import InputError
+path = Path(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 50_000,) * 2)
+with LayeredCloud(path, writable=True, cache_bytes=50_000) as cloud:
+    try:
+        for chunk in cloud.chunks():
+            cloud.write(int(chunk), {"color": 255 - cloud.read(int(chunk))["color"]})
+        cloud.commit()
+    except InputError as error:
+        print(error)
+"""
+
+
+def test_a_disk_that_fills_during_an_update_is_told_and_nothing_is_lost(tmp_path: Path) -> None:
+    path = tmp_path / "cloud"
+    build(path, POINTS)
+    out = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, path],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert "disk space" in out
+    assert str(path) in out
+    check_whole(path, POINTS)

@@ -378,31 +378,3 @@ def test_a_damaged_chunk_is_told_by_name(copied: Path):
 
 def test_memory_of_the_fixture_goes_through_files(points):
     assert points.nbytes > 4 * MEMORY
-
-
-FULL_DISK = """
-import resource, sys
-from pathlib import Path
-import numpy as np
-from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.errors import InputError
-path = Path(sys.argv[1])
-resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 50_000,) * 2)
-with LayeredCloud(path, writable=True, cache_bytes=50_000) as cloud:
-    try:
-        for chunk in cloud.chunks():
-            cloud.write(int(chunk), {"color": 255 - cloud.read(int(chunk))["color"]})
-        cloud.commit()
-    except InputError as error:
-        print(error)
-"""
-
-
-def test_a_disk_that_fills_during_an_update_is_told_and_nothing_is_lost(copied, points):
-    out = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, copied],
-        cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True,
-    ).stdout  # fmt: skip
-    assert "disk space" in out
-    assert str(copied) in out
-    check_whole(copied, points)

@@ -231,7 +231,8 @@ def test_a_module_of_ours_that_is_missing_is_our_own_fault(cli, project):
     def lacking(job):
         raise ModuleNotFoundError("No module named 'workbench.x'", name="workbench.x")
 
-    failure(cli, "run", project.root, pipeline=with_stage("fuse", run=lacking), code=1)
+    error = failure(cli, "run", project.root, pipeline=with_stage("fuse", run=lacking), code=1)
+    assert "workbench.x" in str(error)
 
 
 def test_a_full_disk_is_not_our_fault(cli, project):

@@ -114,6 +114,21 @@ def test_small_items_start_no_cluster(tmp_path, monkeypatch):
     assert again == summaries
 
 
+def test_what_is_bound_to_the_main_thread_is_never_begun_in_another(alone, tmp_path):
+    """PyMeshLab, first loaded by another thread than the main one, spoils its process."""
+    project = fake_project(tmp_path / "bound")
+    bound = of(project, workers=2, libraries=("numpy", "pymeshlab"))
+    summaries = bound.map_items("items", matrix_product, matrices(5, tell=True))
+    assert os.getpid() not in {summary["pid"] for summary in summaries.values()}
+    other = fake_project(tmp_path / "other")
+    assert (
+        of(other, workers=2, libraries=("pymeshlab",)).map_items(
+            "items", matrix_product, matrices(5)
+        )
+        == alone[0]
+    )
+
+
 def test_nothing_to_do_imports_no_dask(tmp_path):
     project = fake_project(tmp_path)
     of(project, workers=1).map_items("items", matrix_product, matrices(2))
