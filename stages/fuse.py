@@ -81,8 +81,14 @@ def run(job: Job[FuseOptions]) -> StageResult:
     poses = products.load("scan_poses")["scans"]
     entries = [entry for entry in inventory["scans"] if entry["name"] in poses]
     names = [entry["name"] for entry in entries]
+    masked = products.items("scan_masks")
     items = {
-        name: {"name": name, "content": products.content_hash("range_maps", name)} | judged
+        name: {
+            "name": name,
+            "content": products.content_hash("range_maps", name),
+            "mask": products.content_hash("scan_masks", name) if name in masked else None,
+            "settings": judged,
+        }
         for name in names
     }
     found = job.tasks.map_items("normals", orient_scan, items)
@@ -160,8 +166,9 @@ def orient_scan(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     from workbench.geometry.orientedscan import OrientationSettings, orient
 
     scan = products.load("range_maps", payload["name"])
-    settings = {k: v for k, v in payload.items() if k not in ("name", "content")}
-    oriented = orient(scan, OrientationSettings(**settings))
+    if payload["mask"]:
+        scan = scan.masked(products.load("scan_masks", payload["name"]))
+    oriented = orient(scan, OrientationSettings(**payload["settings"]))
     arrays = {name: getattr(oriented, name) for name in oriented.__dataclass_fields__}
     if scan.color is not None:
         arrays["color"] = scan.color[oriented.source]
@@ -187,7 +194,7 @@ FUSE = Stage(
     version=2,
     summary="Normals by range grid, mixed pixels out, duplicates merged, confidence kept.",
     options=FuseOptions,
-    reads=("scan_inventory", "range_maps", "scan_poses"),
+    reads=("scan_inventory", "range_maps", "scan_masks", "scan_poses"),
     writes=("oriented_scans", "samples", "sample_cloud"),
     needed=needed,
     run=run,

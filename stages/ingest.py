@@ -166,6 +166,7 @@ def _described(scan: RangeMap, shift: list[float], file: str, reading: Any) -> d
         "dropped_nonfinite": reading.dropped_nonfinite,
         "grid": None if scan.grid is None else list(scan.grid.shape),
         "reflectance": scan.reflectance is not None,
+        "reflectance_populations": _populations(scan),
         "color": scan.color is not None,
         "viewpoint_known": scan.viewpoint_in_scan is not None,
         "centre_in_scan_m": (0.5 * (low + high)).tolist(),
@@ -174,6 +175,20 @@ def _described(scan: RangeMap, shift: list[float], file: str, reading: Any) -> d
         "world_from_scan": None if pose is None else pose.tolist(),
         "notes": list(reading.notes),
     }
+
+
+def _populations(scan: RangeMap) -> int | None:
+    """Whether the scan's reflectance is of one kind or of two, for clutter shows there."""
+    from workbench.masking.histograms import is_unimodal
+    from workbench.masking.quantisation import ReflectanceLevels
+
+    if scan.reflectance is None or not len(scan):
+        return None
+    low, high = np.percentile(scan.reflectance, [1, 99])
+    if not high > low:
+        return 1
+    levels = np.clip((scan.reflectance - low) / (high - low), 0, 1)
+    return 1 if is_unimodal(ReflectanceLevels(), [levels[None]]) else 2
 
 
 def _result(scans: list[dict[str, Any]], origin: list[float]) -> StageResult:
@@ -217,7 +232,7 @@ def _result(scans: list[dict[str, Any]], origin: list[float]) -> StageResult:
 
 INGEST = Stage(
     name="ingest",
-    version=2,
+    version=3,
     summary="Reads and checks the range scans, converts to metres, chooses the project origin.",
     options=IngestOptions,
     reads=("scan_files", "pose_files"),

@@ -8,7 +8,7 @@ import json
 import os
 import sys
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -39,11 +39,13 @@ class Answer:
     value : for programs.
     text : the same for people.
     exit_code : 0, or 3 when something is missing.
+    afterwards : what goes on once the answer is given, until the user stops it: a page's server.
     """
 
     value: dict[str, Any]
     text: str | Table
     exit_code: int = 0
+    afterwards: Callable[[], None] | None = None
 
     def give(self, as_json: bool) -> int:
         """Print the answer; returns the exit code."""
@@ -55,6 +57,8 @@ class Answer:
             from rich.console import Console
 
             Console(highlight=False, markup=False).print(self.text)
+        if self.afterwards is not None:
+            self.afterwards()
         return self.exit_code
 
 

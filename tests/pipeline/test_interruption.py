@@ -71,7 +71,7 @@ def under_way(tmp_path):
     project, log = fake_project(tmp_path / "a", scans=30), tmp_path / "log"
     process = start(
         ["run", str(project.root), "--workers", "1"],
-        FAKE_ITEM_SECONDS="0.1",
+        FAKE_ITEM_SECONDS="0.3",
         FAKE_ITEM_LOG=str(log),
     )
     wait_until(lambda: len(lines(log)) >= 8)

@@ -161,3 +161,18 @@ def test_the_bunny_without_its_poses(shared_data, tmp_path):
         for a in found for b in found if a < b
     ]  # fmt: skip
     assert np.median([rotation_angle_deg(m) for m in relative]) <= 0.2
+
+
+@pytest.mark.slow
+def test_of_forty_scans_near_their_place_none_is_left_aside(simulated):
+    # One of them looks along a part that hardly shows a turn: judged by the fit of the other
+    # thirty-nine, all that could turn it back would pass for outliers.
+    project = simulated("--scene", "statue", "--seed", "1", "--scans", "40")
+    workbench("run", project, "--to", "register")
+    found = poses_of(project)
+    true = read_scan_poses_json(project / "truth" / "scan_poses.json").world_from_scan
+    turned, shifted = errors(found, true)
+    assert len(found) == 40
+    assert turned.max() < 0.1
+    assert shifted.max() < 0.5 * 0.0045
+    assert metrics_of(project, "register")["unconstrained_motions"] == 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 from workbench.geometry import transforms
+from workbench.geometry.photo_camera import PhotoCamera
 
 CAMERAS, IMAGES, POINTS = "cameras.txt", "images.txt", "points3D.txt"
 PARAMETER_COUNTS = {
@@ -105,6 +106,20 @@ class ColmapModel:
     cameras: dict[int, ColmapCamera]
     images: dict[int, ColmapImage]
     points: dict[int, ColmapPoint] = field(default_factory=dict)
+
+    def photo_cameras(self) -> dict[str, PhotoCamera]:
+        """Every image as an oriented photograph, by its file name without folder and suffix."""
+        return {
+            PurePosixPath(image.name).stem: PhotoCamera(
+                camera.model,
+                camera.width,
+                camera.height,
+                camera.params,
+                image.camera_from_world,
+            )
+            for image in self.images.values()
+            for camera in (self.cameras[image.camera_id],)
+        }
 
     def image_named(self, name: str) -> ColmapImage:
         """The image of that name; ``KeyError`` where there is none."""

@@ -10,14 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.errors import InputError
+from workbench.formats.photo_reading import PLAIN_SUFFIXES, QUARTER_TURNS, readable
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-
-_PLAIN_SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff"))
-# LibRaw's word for how the camera was held → counter-clockwise turns by 90°.
-_QUARTER_TURNS = {3: 2, 5: 1, 6: 3}
 
 
 def read_preview(path: Path, long_side_px: int) -> NDArray[np.uint8]:
@@ -42,20 +38,13 @@ def read_preview(path: Path, long_side_px: int) -> NDArray[np.uint8]:
     """
     from PIL import Image, ImageOps
 
-    try:
-        if path.suffix.lower() in _PLAIN_SUFFIXES:
+    with readable(path):
+        if path.suffix.lower() in PLAIN_SUFFIXES:
             with Image.open(path) as opened:
                 opened.draft("RGB", (2 * long_side_px, 2 * long_side_px))
                 picture = ImageOps.exif_transpose(opened)
                 return _reduced(picture.convert("RGB"), long_side_px)
         return _reduced(_raw_preview(path, long_side_px), long_side_px)
-    except _unreadable() as error:
-        raise InputError(
-            "The photograph cannot be read",
-            file=path,
-            found=str(error) or type(error).__name__,
-            fix="copy it from the card again, or leave it out",
-        ) from error
 
 
 def _raw_preview(path: Path, long_side_px: int) -> Image:
@@ -65,7 +54,7 @@ def _raw_preview(path: Path, long_side_px: int) -> Image:
     with rawpy.imread(str(path)) as raw:
         inside = _picture_inside(raw)
         if inside is not None and max(inside.size) >= long_side_px:
-            turns = _QUARTER_TURNS.get(raw.sizes.flip, 0)
+            turns = QUARTER_TURNS.get(raw.sizes.flip, 0)
             return Image.fromarray(np.rot90(np.asarray(inside.convert("RGB")), turns))
         half = raw.postprocess(half_size=True, use_camera_wb=True, no_auto_bright=True)
         return Image.fromarray(half)
@@ -89,9 +78,3 @@ def _reduced(picture: Image, long_side_px: int) -> NDArray[np.uint8]:
     share = min(1.0, long_side_px / max(picture.size))
     width, height = (max(1, math.floor(side * share + 0.5)) for side in picture.size)
     return np.asarray(picture.resize((width, height)), np.uint8)
-
-
-def _unreadable() -> tuple[type[Exception], ...]:
-    import rawpy
-
-    return (OSError, ValueError, SyntaxError, rawpy.LibRawError)

@@ -47,6 +47,15 @@ class RangeMap:
     def __len__(self) -> int:
         return len(self.points_in_scan)
 
+    def masked(self, mask: NDArray[np.uint8]) -> RangeMap:
+        """The samples that a mask of the grid, (rows, cols) uint8 with 255 = keep, keeps."""
+        if self.grid is None or mask.shape != self.grid.shape:
+            raise ValueError(f"{self.name}: the mask is not of the scan's grid")
+        keep = np.zeros(len(self) + 1, bool)
+        # Holes are −1, the entry behind the last sample.
+        keep[self.grid[mask > 127]] = True
+        return self.subset(keep[:-1])
+
     def subset(self, keep: NDArray[np.bool_]) -> RangeMap:
         """The samples where ``keep`` (n,) is true; the grid follows."""
         new_index = np.full(len(self) + 1, -1, np.int32)

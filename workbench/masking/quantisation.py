@@ -82,7 +82,7 @@ class HueSaturationLevels:
         return True
 
     def bins_of(self, image: NDArray[np.generic]) -> NDArray[np.int32]:
-        rgb = _photograph(image)
+        rgb = photograph(image)
         hsv = cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV_FULL).astype(np.int32)
         hue, saturation = hsv[..., 0] * self.levels >> 8, hsv[..., 1] * self.levels >> 8
         unknown = (rgb.max(axis=2) < self.darkest) | (rgb.min(axis=2) > self.brightest)
@@ -114,7 +114,7 @@ class ToneLevels:
 
     def bins_of(self, image: NDArray[np.generic]) -> NDArray[np.int32]:
         if image.ndim == 3:
-            rgb = _photograph(image)
+            rgb = photograph(image)
             value = rgb.max(axis=2).astype(np.float32)
             grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
             known = np.ones(value.shape, bool)
@@ -139,7 +139,8 @@ def _blurred(image: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]
     return cv2.GaussianBlur(image, (0, 0), sigma_px).astype(np.float32, copy=False)
 
 
-def _photograph(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+def photograph(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """The image itself if it is (h, w, 3) uint8; raises InputError if it is not."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise InputError(
             "a photograph to mask must be 8-bit RGB",

@@ -24,7 +24,7 @@ _BINS = 24
 _BACKGROUND_PART = 0.6
 _NOISE_SIGMA_PX = 5.0
 
-RECTANGLE_DEFAULTS = SegmentationOptions(coarse_side_px=640, iterations=5)
+RECTANGLE_DEFAULTS = SegmentationOptions(coarse_side_px=640, finer_levels=4, iterations=5)
 
 
 def segmented_in_rectangle(

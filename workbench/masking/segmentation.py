@@ -8,6 +8,7 @@ Source: Jaspe, section 3.4.3, "Graph cut segmentation" and "Morphological post-p
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError, SettingsError
 from workbench.masking import graphcut
-from workbench.masking.classifier import at_side
+from workbench.masking.classifier import at_side, log_odds
+from workbench.masking.energy import cut_by_evidence
 
 
 @dataclass(frozen=True)
@@ -24,22 +26,30 @@ class SegmentationOptions:
 
     Attributes
     ----------
+    method : ``evidence`` keeps every pixel's learned evidence in the cut; ``grabcut`` starts
+        from it and goes by the image's own colours, as the paper does.
     coarse_side_px : longer side of the level that is cut as a whole.
     finer_levels : levels, each twice as fine, at which the boundary is cut again; fewer
-        where the image ends before. The boundary is interpolated from the finest.
-    iterations : of learning colours and cutting at the coarse level. More of them trust
-        the image's own colours more and the training less.
+        where the image ends before. The boundary is interpolated from the finest. Finer
+        cuts know the image's own colours only: they pay where both sides are well lit.
+    iterations : of ``grabcut``: rounds of learning colours and cutting at the coarse level.
+        More of them trust the image's own colours more and the training less.
+    smoothness : of ``evidence``: log-odds that a boundary costs per pixel of its length
+        where there is no edge.
     band_px : half the width of the band that is cut again, pixels of its level.
-    sure_foreground, sure_clutter : probabilities beyond which a pixel is not asked again.
+    sure_foreground, sure_clutter : of ``grabcut``: probabilities beyond which a pixel is
+        not asked again.
     least_piece : smaller pieces go, as a part of the largest one's area.
     largest_hole : smaller holes close, as a part of the image's area.
     median_px : side of the median filter, odd; 0 for none.
     erosion_px : how far the octagon eats into the mask; 0 for none.
     """
 
-    coarse_side_px: int = 400
-    finer_levels: int = 4
+    method: Literal["evidence", "grabcut"] = "evidence"
+    coarse_side_px: int = 800
+    finer_levels: int = 0
     iterations: int = 1
+    smoothness: float = 8.0
     band_px: int = 4
     sure_foreground: float = 0.97
     sure_clutter: float = 0.03
@@ -57,6 +67,8 @@ class SegmentationOptions:
             raise SettingsError("the median filter's side must be odd", found=str(self.median_px))
         if not 0 <= self.sure_clutter < 0.5 < self.sure_foreground <= 1:
             raise SettingsError("0 ≤ sure_clutter < 0.5 < sure_foreground ≤ 1 must hold")
+        if self.smoothness < 0:
+            raise SettingsError("the smoothness of masks must not be negative")
 
 
 def segmented(
@@ -89,7 +101,13 @@ def segmented(
         )
     coarse = np.asarray(at_side(image, options.coarse_side_px), np.uint8)
     height, width = coarse.shape[:2]
-    likely = cv2.resize(_filled(probability), (width, height), interpolation=cv2.INTER_LINEAR)
+    size = (width, height)
+    if options.method == "evidence":
+        told = cv2.resize(log_odds(probability), size, interpolation=cv2.INTER_LINEAR)
+        evidence = np.asarray(told, np.float32)
+        found = cut_by_evidence(coarse, evidence, options.smoothness)
+        return _refined(image, found, coarse[..., 0].size, options)
+    likely = cv2.resize(_filled(probability), size, interpolation=cv2.INTER_LINEAR)
     seeds = np.where(likely > 0.5, graphcut.MAYBE_FOREGROUND, graphcut.MAYBE_CLUTTER)
     seeds[likely > options.sure_foreground] = graphcut.SURE_FOREGROUND
     seeds[likely < options.sure_clutter] = graphcut.SURE_CLUTTER
@@ -100,19 +118,29 @@ def cut(
     image: NDArray[np.uint8], seeds: NDArray[np.uint8], options: SegmentationOptions
 ) -> NDArray[np.uint8]:
     """The mask that grows from seeds at the coarse level, (h', w') uint8 of ``graphcut``."""
-    height, width = image.shape[:2]
     coarse = np.asarray(at_side(image, options.coarse_side_px), np.uint8)
     solution = graphcut.solved(coarse, seeds, options.iterations)
-    found = _without_specks(solution.foreground, options)
+    return _refined(image, solution.foreground, coarse[..., 0].size, options)
+
+
+def _refined(
+    image: NDArray[np.uint8],
+    coarse: NDArray[np.bool_],
+    most_pixels: int,
+    options: SegmentationOptions,
+) -> NDArray[np.uint8]:
+    """The coarse cut's boundary cut again at finer levels, and cleaned."""
+    height, width = image.shape[:2]
+    found = _without_specks(coarse, options)
     side, full = max(found.shape), max(height, width)
-    for _ in range(options.finer_levels if solution.models is not None else 0):
+    for _ in range(options.finer_levels if found.any() and not found.all() else 0):
         if side >= full:
             break
         # Twice as fine, and all the way where little would be left.
         side = full if side * 2 * 1.25 >= full else side * 2
         level = np.asarray(at_side(image, side), np.uint8)
         guess = _enlarged(found, level.shape[:2])
-        models = graphcut.colours_of(level, guess, coarse[..., 0].size)
+        models = graphcut.colours_of(level, guess, most_pixels)
         found = guess
         if models is not None:
             found = graphcut.resolved_in_band(level, guess, models, options.band_px)

@@ -168,6 +168,8 @@ class Stage(Generic[OptionsT]):
     needed : decides from the scene and the options, and says why.
     run : does the work.
     estimate : foretells memory and disk; None where both are small.
+    suggest : names what the user could bring for the stage to do better, the most useful
+        first: dicts of ``kind``, ``name`` and ``file``, as many of each kind as wanted.
     reads_truth : set for verification alone; any other stage that names a ``truth`` artefact
         cannot be built.
     """
@@ -183,6 +185,7 @@ class Stage(Generic[OptionsT]):
     libraries: tuple[str, ...] = ()
     estimate: Callable[[Scene, OptionsT], Estimate] | None = None
     reads_truth: bool = field(default=False)
+    suggest: Callable[[Project, int], list[dict[str, str]]] | None = None
 
     def __post_init__(self) -> None:
         for name in self.reads + self.writes:

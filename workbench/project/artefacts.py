@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Format = Literal["json", "arrays", "range-map", "mesh", "file", "input"]
+Format = Literal["json", "arrays", "range-map", "mesh", "mask", "file", "input"]
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,34 @@ _TABLE = (
     Artefact("camera_files", "", "input", "ready-made photograph orientations"),
     Artefact("geometry_file", "", "input", "a surface made elsewhere"),
     Artefact("reference_file", "", "input", "a surface to compare with"),
+    Artefact("training_masks", "", "input", "the masks the user drew to learn from"),
+    Artefact("corrected_masks", "", "input", "the masks the user corrected"),
     Artefact("scan_inventory", "work/ingest/scans.json", "json", "every scan and what it holds"),
     Artefact(
         "range_maps", "work/ingest/range_maps/{item}.npz", "range-map", "scans in metres, checked"
+    ),
+    Artefact("scan_masker", "work/mask/scan_masker.npz", "arrays", "what clutter in scans is like"),
+    Artefact(
+        "photo_masker",
+        "work/mask/photo_masker.npz",
+        "arrays",
+        "what clutter in photographs is like",
+    ),
+    Artefact(
+        "automatic_scan_masks",
+        "work/mask/automatic/scans/{item}.png",
+        "mask",
+        "masks of scans as found",
+    ),
+    Artefact(
+        "automatic_photo_masks",
+        "work/mask/automatic/photos/{item}.png",
+        "mask",
+        "masks of photographs as found",
+    ),
+    Artefact("scan_masks", "work/mask/scans/{item}.png", "mask", "what of each scan is kept"),
+    Artefact(
+        "photo_masks", "work/mask/photos/{item}.png", "mask", "what of each photograph is kept"
     ),
     Artefact(
         "scan_poses", "work/register/scan_poses.json", "json", "world_from_scan of every scan"
@@ -76,7 +101,9 @@ _TABLE = (
     Artefact("truth_surface", "truth/surface.npz", "arrays", "the simulated scene", truth=True),
     Artefact("truth_samples", "truth/scans/{item}.npz", "arrays", "noise-free hits", truth=True),
     Artefact("simulation", "truth/simulation.json", "json", "the simulation's options", truth=True),
+    Artefact("truth_scan_masks", "truth/masks/{item}.png", "mask", "true masks", truth=True),
     Artefact("truth_albedo", "truth/photos/albedo/{item}.png", "file", "true albedo", truth=True),
+    Artefact("truth_cameras", "truth/photos/images.txt", "file", "true cameras", truth=True),
     Artefact("truth_object", "truth/photos/object/{item}.png", "file", "true masks", truth=True),
     Artefact("truth_support", "truth/photos/support/{item}.png", "file", "supports", truth=True),
     Artefact("truth_shadow", "truth/photos/shadow/{item}.png", "file", "flash shadow", truth=True),

@@ -21,6 +21,7 @@ from workbench.project.settings import (
     read_toml,
 )
 from workbench.project.store import ProductStore
+from workbench.project.user_masks import mask_folder
 
 if TYPE_CHECKING:
     from workbench.formats.scans import ScanListing
@@ -59,7 +60,10 @@ class ProjectFile(BaseModel):
 
 @dataclass(frozen=True)
 class Scene:
-    """What is known of a project before any stage ran: enough to say what it needs."""
+    """What is known of a project without reading scans or photographs: what it needs.
+
+    ``reflectance_populations`` is 1 or 2, None before ``ingest`` and without reflectance.
+    """
 
     scans: int
     poses: bool
@@ -69,6 +73,9 @@ class Scene:
     reference: bool
     truth: bool
     scan_bytes: int
+    training_masks: int = 0
+    corrected_masks: int = 0
+    reflectance_populations: int | None = None
 
 
 class Project:
@@ -137,6 +144,9 @@ class Project:
             return listing.files if artefact == "scan_files" else listing.pose_files
         if artefact == "photo_files":
             return self.photo_files
+        if artefact in ("training_masks", "corrected_masks"):
+            folder = mask_folder(self.root, "training" if "training" in artefact else "corrected")
+            return visible_files(folder) if folder.is_dir() else ()
         entry = {
             "geometry_file": inputs.geometry,
             "camera_files": inputs.cameras,
@@ -148,7 +158,7 @@ class Project:
         return visible_files(path) if path.is_dir() else (path,)
 
     def scene(self) -> Scene:
-        """What the project holds, from its file listing alone; a missing input raises."""
+        """What the project holds, from its listing of files; a missing input raises."""
         listing = self.scan_listing
         files = listing.files if listing else ()
         return Scene(
@@ -160,7 +170,18 @@ class Project:
             reference=bool(self.input_paths("reference_file")),
             truth=(self.root / "truth").is_dir(),
             scan_bytes=sum(path.stat().st_size for path in files),
+            training_masks=len(self.input_paths("training_masks")),
+            corrected_masks=len(self.input_paths("corrected_masks")),
+            reflectance_populations=self._reflectance_populations(),
         )
+
+    def _reflectance_populations(self) -> int | None:
+        try:
+            inventory = self.store.load("scan_inventory")
+        except InputError:
+            return None  # not there, or damaged: `ingest` will make it again
+        told = [entry.get("reflectance_populations") for entry in inventory.get("scans", ())]
+        return max((count for count in told if count), default=None)
 
     def settings(self, overrides: StageSettings | None = None) -> StageSettings:
         """Preset, project file and ``overrides`` merged."""

@@ -21,6 +21,7 @@ import numpy as np
 
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
+from workbench.formats.mask_png import read_mask_png, write_mask_png
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.rangemap import RangeMap
 from workbench.project.artefacts import ARTEFACTS, Artefact
@@ -82,7 +83,7 @@ class ProductStore:
         return self.path(name, item).exists()
 
     def load(self, name: str, item: str | None = None, only: Sequence[str] | None = None) -> Any:
-        """The value of an artefact: dict, arrays, ``RangeMap``, ``TriangleMesh`` or a path.
+        """The value of an artefact: dict, arrays, ``RangeMap``, ``TriangleMesh``, mask or a path.
 
         Of ``arrays``, ``only`` those that are named are read; what is not there is damage.
         """
@@ -94,6 +95,8 @@ class ProductStore:
                 return json.loads(path.read_text(encoding="utf-8"))
             if artefact.format == "file":
                 return path
+            if artefact.format == "mask":
+                return read_mask_png(path)
             with np.load(path, allow_pickle=False) as archive:
                 arrays = {key: archive[key] for key in only or archive.files}
             if artefact.format == "range-map":
@@ -121,6 +124,8 @@ class ProductStore:
                 _write_arrays(path, {k: v for k, v in fields.items() if v is not None})
             elif artefact.format == "mesh":
                 _write_arrays(path, value.arrays())
+            elif artefact.format == "mask":
+                write_mask_png(path, value)
             elif artefact.format == "arrays":
                 _write_arrays(path, value)
             else:

@@ -23,12 +23,14 @@ from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.transforms import Matrix4, apply, from_twist, nearest_rigid
 from workbench.registration.correspondence import Matcher, Matches, OverlapGraph, overlap_graph
 from workbench.registration.freedom import Freedom, freedom_in_words, told_apart, unconstrained
-from workbench.registration.robust import robust_sigma, tukey_weights
+from workbench.registration.robust import TUKEY, robust_sigma, tukey_weights
 
 _ASKED_TWICE = 2.0
 # Matching may end in a cycle of a few states. Steps that no longer shrink, this far below
 # what noise does to the poses, are at rest.
 _CALM_SIGMAS, _CALM_ROUNDS = 0.25, 3
+# What passes for an outlier, from round to round.
+_STRICTER = 0.75
 
 
 @dataclass(frozen=True)
@@ -141,13 +143,17 @@ def adjust(
     system: _System | None = None
     coarse_phase, rounds, converged = True, 0, False
     least_moved, stalled = np.inf, 0
+    # Residuals are outliers by the distance that is searched at first and by their own spread
+    # at last: what a scan that is far off has to say would else be the first to go.
+    leeway = search / TUKEY
     while graph.pairs and rounds < settings.max_rounds and not converged:
         found = _match_all(matcher if coarse_phase else fine, graph, poses, search)
-        system = _System(found, scans, poses, anchor, radius)
+        system = _System(found, scans, poses, anchor, radius, leeway)
         moved, sigmas = system.step(poses)
+        leeway *= _STRICTER
         rounds += 1
         on_round(rounds)
-        at_floor = search <= floor
+        at_floor = search <= floor and leeway <= max(system.sigma_m, 0.05 * spacing)
         search = max(floor, min(0.8 * search, 4.0 * system.median_distance_m))
         if not at_floor:
             continue
@@ -196,6 +202,7 @@ class _System:
         poses: Sequence[Matrix4],
         anchor: int,
         radius: float,
+        leeway_m: float = 0.0,
     ) -> None:
         self._anchor, self._radius = anchor, radius
         self._centres = np.array(
@@ -211,7 +218,7 @@ class _System:
         self._gradient = np.zeros(6 * n)
         weights, angles, distances = [], [], []
         for match, residual in zip(matches, residuals, strict=True):
-            weight = tukey_weights(residual, self.sigma_m)
+            weight = tukey_weights(residual, max(self.sigma_m, leeway_m))
             self._add(match, residual, weight)
             cosine = np.einsum("mi,mi->m", match.source_normals, match.target_normals)
             weights.append(weight)

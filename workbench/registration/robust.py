@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-_TUKEY = 4.685  # 95 % efficient on Gaussian residuals
+TUKEY = 4.685  # 95 % efficient on Gaussian residuals
 _MAD_TO_SIGMA = 1.4826
 
 
@@ -16,4 +16,4 @@ def robust_sigma(residuals: NDArray[np.float64]) -> float:
 
 def tukey_weights(residuals: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
     """Tukey's biweight (n,) of residuals (n,): 1 at zero, 0 beyond some five sigmas."""
-    return np.maximum(1.0 - (residuals / (_TUKEY * sigma)) ** 2, 0.0) ** 2
+    return np.maximum(1.0 - (residuals / (TUKEY * sigma)) ** 2, 0.0) ** 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -28,6 +28,7 @@ from workbench.verification.report_content import (
 MOST_SHOWN = 30
 _SHEET_PX, _TRUTH_PX = 260, 420
 _MAT_COLOR = (52, 51, 49)
+_Item = TypeVar("_Item")
 _OBJECT_COLOR, _SHADOW_COLOR = (214, 210, 201), (52, 84, 140)
 
 
@@ -49,10 +50,10 @@ class PhotoTruth:
     shadow_mask: Path
 
 
-def evenly_chosen(paths: Sequence[Path], most: int) -> list[Path]:
-    """At most ``most`` of the paths, spread evenly, the first and the last among them."""
-    places = np.linspace(0, len(paths) - 1, min(most, len(paths))).round().astype(int)
-    return [paths[k] for k in places]
+def evenly_chosen(items: Sequence[_Item], most: int) -> list[_Item]:
+    """At most ``most`` of the items, spread evenly, the first and the last among them."""
+    places = np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int)
+    return [items[k] for k in places]
 
 
 def photographs_section(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from stages.register.held_scans import HeldScans, held_scans, own_poses
 from workbench.errors import InputError
 from workbench.geometry.transforms import Matrix4, inverse, rigid, rotation_angle_deg
 from workbench.metrics import Metric
@@ -19,11 +19,9 @@ from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
 
 if TYPE_CHECKING:
-    from workbench.geometry.orientedscan import OrientedScan
     from workbench.registration.adjustment import Adjustment, AdjustmentSettings
     from workbench.registration.placement import Placement
 
-_LEAST_SAMPLES = 6
 # Scans placed by their shape lie within a keypoint or so of where they belong.
 _SEARCH_KEYPOINTS = 1.5
 
@@ -45,6 +43,12 @@ class RegisterOptions(StageOptions):
     )
     samples_per_scan: int = Field(
         6000, ge=200, le=1_000_000, description="Samples of a scan that look for a partner."
+    )
+    memory_samples: int = Field(
+        20_000_000,
+        ge=10_000,
+        description="Samples of all scans held at once, some 150 bytes each; scans with more are "
+        "thinned alike.",
     )
     search_m: float | None = Field(
         None,
@@ -68,30 +72,6 @@ class RegisterOptions(StageOptions):
     )
 
 
-@dataclass(frozen=True)
-class _Scans:
-    """What the stage knows of the scans, in the order of the inventory.
-
-    ``given`` are project_from_scan of the scans whose pose is given and to be used; ``own``
-    are those of every scan standing at its given pose or at the coordinates of its file.
-    """
-
-    names: list[str]
-    oriented: list[OrientedScan]
-    viewpoints: list[NDArray[np.float64] | None]
-    given: dict[int, Matrix4]
-    own: list[Matrix4]
-
-    def sound(self) -> list[int]:
-        """Those with a surface that can be trusted."""
-        return [k for k, scan in enumerate(self.oriented) if len(scan) >= _LEAST_SAMPLES]
-
-    def first(self, among: Iterable[int]) -> int:
-        """The scan whose frame is kept: the first by name, of those with a given pose if any."""
-        chosen = set(among)
-        return min(chosen & set(self.given) or chosen, key=lambda k: self.names[k])
-
-
 def needed(scene: Scene, options: RegisterOptions) -> Need:
     if not scene.scans:
         return Need(False, "no range scans")
@@ -103,9 +83,11 @@ def needed(scene: Scene, options: RegisterOptions) -> Need:
 
 
 def estimate(scene: Scene, options: RegisterOptions) -> Estimate:
-    # Points, normals and trees of every trusted sample; about 250 bytes for some 20 in the file.
+    # Points, normals and trees of the samples held; about 250 bytes for some 20 in the file.
     # Two pairs at a time hold tables of a few thousand correspondences against each other.
-    return Estimate(12 * scene.scan_bytes + 2**29, 2**24)
+    held = min(12 * scene.scan_bytes, 250 * options.memory_samples)
+    largest = 12 * scene.scan_bytes // max(scene.scans, 1)
+    return Estimate(held + largest + 2**29, 2**24)
 
 
 def run(job: Job[RegisterOptions]) -> StageResult:
@@ -114,11 +96,11 @@ def run(job: Job[RegisterOptions]) -> StageResult:
     products, options = job.products, job.options
     inventory = products.load("scan_inventory")
     if len(inventory["scans"]) == 1:
-        products.save("scan_poses", _poses(inventory, {0: _own(inventory)[0]}))
+        products.save("scan_poses", _poses(inventory, {0: own_poses(inventory)[0]}))
         none = np.zeros(0)
         products.save("registration", {"overlap": np.eye(1), "before_m": none, "after_m": none})
         return StageResult((Metric("scans_placed", 1, "", "Range maps in the common frame."),))
-    scans = _scans(job, inventory)
+    scans = held_scans(job, inventory)
     settings = _settings(options)
     start = perf_counter()
     coarse, placement, warnings = _coarse(job, scans, settings)
@@ -152,41 +134,8 @@ def run(job: Job[RegisterOptions]) -> StageResult:
     return StageResult(metrics, tuple(warnings))
 
 
-def _scans(job: Job[RegisterOptions], inventory: dict[str, Any]) -> _Scans:
-    from workbench.geometry.orientedscan import OrientationSettings, orient
-
-    names = [entry["name"] for entry in inventory["scans"]]
-    own = _own(inventory)
-    given = {
-        k: own[k]
-        for k, entry in enumerate(inventory["scans"])
-        if entry["world_from_scan"] is not None and job.options.placement != "features"
-    }
-    if len(given) < len(names) and job.options.placement == "given":
-        raise InputError(
-            "Some scans have no pose",
-            found=", ".join(name for k, name in enumerate(names) if k not in given),
-            fix="add the poses, or --set register.placement=auto",
-        )
-    oriented, viewpoints = [], []
-    with job.progress.step("normals", len(names)) as step:
-        for name in names:
-            scan = job.products.load("range_maps", name)
-            oriented.append(orient(scan, OrientationSettings()))
-            viewpoints.append(scan.viewpoint_in_scan)
-            step.advance()
-    scans = _Scans(names, oriented, viewpoints, given, own)
-    if not scans.sound():
-        raise InputError(
-            "No scan has a surface that can be trusted",
-            found=", ".join(names),
-            fix="check the scans, their masks and ingest.scan_unit",
-        )
-    return scans
-
-
 def _coarse(
-    job: Job[RegisterOptions], scans: _Scans, settings: AdjustmentSettings
+    job: Job[RegisterOptions], scans: HeldScans, settings: AdjustmentSettings
 ) -> tuple[dict[int, Matrix4], Placement | None, list[str]]:
     """Coarse project_from_scan: as given, and by shape of sound scans without a given pose."""
     from workbench.registration.adjustment import adjust
@@ -255,20 +204,6 @@ def _settings(options: RegisterOptions) -> AdjustmentSettings:
 
 def _of(values: Any, members: Iterable[int]) -> list[Any]:
     return [values[k] for k in members]
-
-
-def _own(inventory: dict[str, Any]) -> list[Matrix4]:
-    """project_from_scan at the given pose or, without one, at the coordinates of the file."""
-    to_project = rigid(np.eye(3), -np.array(inventory["origin_m"]))
-    return [
-        to_project
-        @ (
-            rigid(np.eye(3), entry["scan_shift_m"])
-            if entry["world_from_scan"] is None
-            else np.array(entry["world_from_scan"])
-        )
-        for entry in inventory["scans"]
-    ]
 
 
 def _standing(
@@ -391,7 +326,7 @@ REGISTER = Stage(
     version=2,
     summary="Places scans without poses by shape, refines all together, says how sure they are.",
     options=RegisterOptions,
-    reads=("scan_inventory", "range_maps"),
+    reads=("scan_inventory", "range_maps", "scan_masks"),
     writes=("scan_poses", "registration"),
     needed=needed,
     run=run,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from stages.verify.masks import masks_chapter
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh, edge_census
 from workbench.geometry.transforms import Matrix4, apply, rigid
@@ -39,6 +40,8 @@ _REPRODUCIBILITY = (
 
 
 _TRUTHS_SHOWN = 2
+# The material of the object in a simulation's truth; others are its support and surroundings.
+_OBJECT = 0
 # More samples change no figure that is shown.
 _SAMPLES_COMPARED = 2_000_000
 
@@ -82,6 +85,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     records += [{"stage": s, "state": "left out", "reason": r} for s, r in job.left_out.items()]
     own = {"stage": "verify", "metrics": [m.as_dict() for m in metrics], "warnings": warnings}
     photographs, unread = _photographs(job, records)
+    masks, found = masks_chapter(job.products, job.scene.truth)
+    metrics += found
     warnings += unread
     with job.progress.step("pictures and plots"):
         content = build_scan_report(
@@ -95,7 +100,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
             truth=truth,
             comparison=comparison,
             reference_name=name,
-            further_sections=photographs,
+            further_sections=(*masks, *photographs),
             citations=_CITATIONS,
             reproducibility=_REPRODUCIBILITY,
             picture_width_px=options.picture_width_px,
@@ -187,8 +192,13 @@ def _truth(
         arrays = products.load("truth_surface")
         # The truth's own local frame, brought around the project origin and then into place.
         model_from_local = poses.estimate_from_truth @ rigid(np.eye(3), arrays["origin"] - origin)
-        truth = TriangleMesh(apply(model_from_local, arrays["vertices"]), arrays["triangles"])
-        hits = apply(model_from_local, _true_hits(job))
+        triangles = arrays["triangles"]
+        # What was masked away is no part of the model, so no part of what it is held against.
+        masked = bool(products.items("scan_masks"))
+        if masked:
+            triangles = triangles[arrays["material"][triangles[:, 0]] == _OBJECT]
+        truth = TriangleMesh(apply(model_from_local, arrays["vertices"]), triangles)
+        hits = apply(model_from_local, _true_hits(job, masked))
         spacing = products.load("simulation")["nominal_sample_spacing_m"]
         compared = compare_to_truth(surface, truth, samples=job.options.samples)
         flagged = infill_flagging(surface, truth, hits, spacing, samples=job.options.samples)
@@ -218,12 +228,15 @@ def _compared_poses(job: Job[VerifyOptions], inventory: Mapping[str, Any]) -> An
     return compare_poses(estimate, {n: truth[n] for n in estimate}, centres, extent)
 
 
-def _true_hits(job: Job[VerifyOptions]) -> NDArray[np.float64]:
+def _true_hits(job: Job[VerifyOptions], object_alone: bool) -> NDArray[np.float64]:
     """(k, 3) places in the truth's own frame that some beam met squarely."""
     hits = []
     for item in job.products.items("truth_samples"):
         arrays = job.products.load("truth_samples", item)
-        hits.append(arrays["true_points_in_local"][~(arrays["is_mixed"] | arrays["is_stray"])])
+        square = ~(arrays["is_mixed"] | arrays["is_stray"])
+        if object_alone:
+            square &= arrays["material"] == _OBJECT
+        hits.append(arrays["true_points_in_local"][square])
     return np.concatenate(hits)
 
 
@@ -273,11 +286,19 @@ VERIFY = Stage[Any](
         "surface_ply",
         "reference_file",
         "photo_files",
+        "range_maps",
+        "corrected_masks",
+        "automatic_scan_masks",
+        "automatic_photo_masks",
+        "scan_masks",
+        "photo_masks",
         "records",
         "truth_surface",
         "truth_poses",
         "truth_samples",
+        "truth_scan_masks",
         "simulation",
+        "truth_cameras",
         "truth_albedo",
         "truth_object",
         "truth_support",
