@@ -11,6 +11,9 @@ SYSTEM_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6
 demo: setup
 	rm -rf $(DEMO)
 	$(BIN)/workbench simulate $(DEMO) --scene statue --seed 7 --size small --photos 12
+	# Masks that a user would draw by hand: of one scan and one photograph.
+	mkdir -p $(DEMO)/masks/training
+	cp $(DEMO)/truth/masks/scan_00.png $(DEMO)/truth/photos/object/photo_000.png $(DEMO)/masks/training
 	$(BIN)/workbench run $(DEMO) --set verify.front_deg=180
 	@echo "The report is in $(CURDIR)/$(DEMO)/report/report.html"
 
