@@ -72,6 +72,17 @@ def contents(project: Path, *folders: str) -> dict[str, bytes]:
     }
 
 
+# A plane without photographs has nothing to mask.
+LEFT_OUT = {"mask"}
+
+
+def actions_of(answer: dict) -> set[str]:
+    """What is done with the stages that this scene needs."""
+    actions = {stage["name"]: stage["action"] for stage in answer["stages"]}
+    assert {name for name, action in actions.items() if action == "left out"} == LEFT_OUT
+    return {action for name, action in actions.items() if name not in LEFT_OUT}
+
+
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("end to end") / "plane"
@@ -96,8 +107,10 @@ def ran(simulated, tmp_path_factory) -> tuple[Path, list[str], dict]:
 
 def test_a_run_makes_the_model_and_says_what_it_took(ran):
     project, _, answer = ran
-    assert [stage["action"] for stage in answer["stages"]] == ["run"] * len(answer["stages"])
+    assert actions_of(answer) == {"run"}
     for stage in answer["stages"]:
+        if stage["name"] in LEFT_OUT:
+            continue
         assert stage["seconds"] > 0
         assert stage["peak_rss_bytes"] > 50_000_000
         assert stage["metrics"]
@@ -139,7 +152,7 @@ def test_nothing_to_do_is_known_soon(ran):
     began = time.perf_counter()
     answer = workbench("run", project, *COARSE)
     seconds = time.perf_counter() - began
-    assert {stage["action"] for stage in answer["stages"]} == {"fresh"}
+    assert actions_of(answer) == {"fresh"}
     if (os.cpu_count() or 1) < 2 or os.getloadavg()[0] > 1.5:
         return  # a busy machine says nothing about seconds
     assert seconds < 3.0
@@ -164,7 +177,7 @@ def test_a_moved_project_is_still_fresh(ran, tmp_path):
     moved = tmp_path / "moved to Größe"
     shutil.copytree(project, moved)
     plan = workbench("plan", moved, *COARSE)
-    assert {stage["action"] for stage in plan["stages"]} == {"fresh"}
+    assert actions_of(plan) == {"fresh"}
 
 
 def test_the_doctor_finds_this_machine_sound():
