@@ -1,13 +1,17 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from workbench.errors import InputError, SettingsError
+from workbench.formats.scans import read_scans
 from workbench.geometry.rangemap import RangeMap
 from workbench.masking import surface_cut as surface_cut_module
 from workbench.masking.evaluation import masking_errors
@@ -164,16 +168,28 @@ def test_holes_are_not_kept_and_what_a_mask_says_of_them_does_not_matter() -> No
 
 def test_stray_returns_are_not_kept() -> None:
     scan, truth, _ = scene(1)
-    classifier = learned_range_maps([(scan, truth)])
+    # The reflectance alone, since to it a stray return from stone is stone.
+    options = RangeMapMaskingOptions(incidence_bins=1)
+    classifier = learned_range_maps([(scan, truth)], options)
+    assert scan.grid is not None
     stray = scan.grid[40:60:3, 60:70:3]
+    stray = stray[stray >= 0]
+    assert len(stray) > 20
     points = scan.points_in_scan.copy()
     points[stray] *= 0.7
     stone = np.full(len(scan), 0.58, np.float32)
     dirty = replace(scan, points_in_scan=points, reflectance=stone)
-    kept = mask_of_range_map(dirty, classifier)[40:60:3, 60:70:3]
-    assert not kept.any()
-    with_them = RangeMapMaskingOptions(least_neighbours=0)
-    assert mask_of_range_map(dirty, classifier, with_them)[40:60:3, 60:70:3].any()
+
+    def kept(least_neighbours: int) -> NDArray[np.bool_]:
+        chosen = replace(options, least_neighbours=least_neighbours)
+        mask = mask_of_range_map(dirty, classifier, chosen)
+        found = np.zeros(len(scan), bool)
+        found[scan.grid[scan.grid >= 0]] = mask[scan.grid >= 0] > 0
+        return found
+
+    assert kept(0).all()
+    assert not kept(1)[stray].any()
+    assert np.delete(kept(1), stray).mean() > 0.99
 
 
 def test_clutter_alone_teaches_when_only_a_quarter_of_it_is_marked() -> None:
@@ -192,9 +208,10 @@ def test_clutter_alone_teaches_when_only_a_quarter_of_it_is_marked() -> None:
     assert masking_errors(misled, other_truth, samples=samples).false_positives > 500
 
 
-def test_one_appearance_is_reported_as_not_separable() -> None:
+@pytest.mark.parametrize("seed", range(6))
+def test_one_appearance_is_reported_as_not_separable(seed: int) -> None:
     row, col = np.mgrid[:60, :60]
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     depth = 1.0 + 2e-4 * rng.standard_normal((60, 60))
     points = np.stack([0.005 * (col - 29.5), 0.005 * row, depth], axis=-1).reshape(-1, 3)
     grid = np.arange(3600, dtype=np.int32).reshape(60, 60)
@@ -206,6 +223,34 @@ def test_one_appearance_is_reported_as_not_separable() -> None:
         assert not classifier
         assert "like" in classifier.separability.reason
     assert not RangeMapClassifier.from_arrays(classifier.arrays())
+
+
+def test_a_small_object_among_unmarked_clutter_is_still_told_apart() -> None:
+    scan, truth, _ = scene(1)
+    assert scan.grid is not None
+    # Stone is a twentieth of what is unmarked.
+    stone = scan.grid[(scan.grid >= 0) & (truth > 0)]
+    gone = np.random.default_rng(0).permutation(stone)[: int(0.95 * len(stone))]
+    few = replace(scan, grid=np.where(np.isin(scan.grid, gone), -1, scan.grid))
+    marked = np.full_like(truth, 255)
+    marked[:, ::4] = truth[:, ::4]
+    assert learned_range_maps([(few, marked)], clutter_only=True)
+
+
+def test_colours_that_tell_nothing_change_nothing() -> None:
+    scan, truth, _ = scene(1)
+    assert scan.grid is not None
+    marked = np.full_like(truth, 255)
+    marked[:, ::4] = truth[:, ::4]
+    grey = np.full((len(scan), 3), 90, np.uint8)
+    black_metal = np.zeros((len(scan), 3), np.uint8)
+    black_metal[scan.grid[truth > 0]] = 90
+    for color, mask, clutter_only in ((grey, marked, True), (black_metal, truth, False)):
+        told = learned_range_maps([(replace(scan, color=color), mask)], clutter_only=clutter_only)
+        without = learned_range_maps([(scan, mask)], clutter_only=clutter_only)
+        np.testing.assert_array_equal(
+            mask_of_range_map(replace(scan, color=color), told), mask_of_range_map(scan, without)
+        )
 
 
 def test_without_reflectance_luminance_and_chromaticity_tell() -> None:
@@ -246,11 +291,18 @@ def test_without_reflectance_and_colour_the_surface_alone_tells() -> None:
 
 
 def test_unknown_viewpoint_leaves_the_incidence_out() -> None:
-    scan, truth, _ = scene(1)
+    scan, truth, cosine = scene(1)
     nowhere = replace(scan, viewpoint_in_scan=None)
-    classifier = learned_range_maps([(nowhere, truth)])
-    assert masking_errors(mask_of_range_map(nowhere, classifier), truth).iou > 0.9
     assert np.isnan(grid_surface(nowhere).incidence_cos).all()
+    mask = mask_of_range_map(nowhere, learned_range_maps([(nowhere, truth)]))
+    alone = RangeMapMaskingOptions(incidence_bins=1)
+    by_signal = mask_of_range_map(scan, learned_range_maps([(scan, truth)], alone), alone)
+    assert (mask != by_signal).mean() < 1e-3
+    assert not mask[truth == 0].any()
+    # Only stone that is as dark as the metal is lost.
+    facing = (truth > 0) & (cosine > 0.25)
+    assert facing.sum() > 2000
+    assert (mask[facing] > 0).mean() > 0.99
 
 
 def test_same_input_same_mask_and_a_saved_classifier_is_the_same() -> None:
@@ -358,3 +410,68 @@ def test_bad_input_is_refused_in_plain_words() -> None:
         RangeMapMaskingOptions(median_px=4)
     with pytest.raises(SettingsError, match="positive"):
         RangeMapMaskingOptions(keep_odds=0.0)
+
+
+# Outlines read off the picture of the bust's range map: columns, then rows of the grid.
+PLINTH = np.column_stack(
+    (
+        [236, 249, 249, 250, 253, 255, 255, 236],
+        [140, 140, 270, 300, 345, 375, 380, 380],
+    )
+)
+BESIDE_THE_HAIR = np.column_stack(
+    (
+        [953, 905, 868, 868, 900, 912, 919, 921, 924, 926, 918, 908, 918, 930, 953],
+        [0, 0, 90, 112, 124, 150, 165, 190, 220, 280, 292, 330, 360, 390, 440],
+    )
+)
+OVER_THE_SHOULDER = np.column_stack(
+    ([503, 550, 605, 605, 560, 515, 503], [75, 75, 135, 145, 165, 165, 125])
+)
+UNDER_THE_CHIN = np.column_stack(([545, 575, 575, 545], [358, 358, 390, 390]))
+AT_THE_EDGE = np.column_stack(([530, 600, 640, 530], [610, 610, 651, 651]))
+BACKDROP = [BESIDE_THE_HAIR, OVER_THE_SHOULDER, UNDER_THE_CHIN, AT_THE_EDGE]
+# Part of the plinth and of the chest, of the hair and of the backdrop on both sides of it.
+DRAWN_OVER = [
+    np.s_[300:400, 236:430],
+    np.s_[80:260, 830:953],
+    np.s_[80:165, 500:560],
+    np.s_[150:250, 560:650],
+]
+
+
+def test_a_mask_over_a_tenth_of_the_bust_removes_plinth_and_backdrop(
+    shared_data: Callable[..., Path],
+) -> None:
+    path = shared_data("bust-reflectance", "alexander_range_refl.ply")
+    scan = read_scans(path, {})[0].range_map
+    assert scan.grid is not None
+    samples = scan.grid >= 0
+
+    def inside(polygons: list[NDArray[np.int64]]) -> NDArray[np.bool_]:
+        drawn = np.zeros(samples.shape, np.uint8)
+        for polygon in polygons:
+            cv2.fillPoly(drawn, [polygon.astype(np.int32)], 1)
+        return samples & (drawn > 0)
+
+    plinth, backdrop = inside([PLINTH]), inside(BACKDROP)
+    truth = np.where(plinth | backdrop, 0, 255).astype(np.uint8)
+    unseen = samples.copy()
+    examples = []
+    for window in DRAWN_OVER:
+        examples.append((replace(scan, grid=scan.grid[window].copy()), truth[window]))
+        unseen[window] = False
+    assert sum(mask.size for _, mask in examples) < 0.1 * samples.size
+    classifier = learned_range_maps(examples)
+    assert classifier
+    kept = mask_of_range_map(scan, classifier) > 0
+    for clutter, least in ((plinth, 800), (backdrop, 2000)):
+        judged = clutter & unseen
+        assert judged.sum() > least
+        assert kept[judged].mean() < 0.005
+    bust = unseen & (truth > 0)
+    assert bust.sum() > 100_000
+    assert kept[bust].mean() > 0.99
+    # The file is in millimetres, which must not matter; powers of two leave no rounding.
+    smaller = replace(scan, points_in_scan=2.0**-10 * scan.points_in_scan)
+    np.testing.assert_array_equal(mask_of_range_map(smaller, classifier) > 0, kept)

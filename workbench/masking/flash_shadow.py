@@ -6,6 +6,8 @@ account geometric occlusion"; the two functions are these two ways.
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,8 @@ from workbench.geometry.photo_camera import PhotoCamera
 # Embree computes in float32: a shadow ray starts this much of its length nearer to the flash.
 _START = 1e-3
 _ROWS_AT_ONCE = 256
+# Rays through a pixel, (down, right) from its corner; most of them decide.
+_WITHIN_PIXEL = ((0.125, 0.375), (0.375, 0.875), (0.625, 0.125), (0.875, 0.625))
 
 # Neighbourhood that tells how the surface is lit around, and of the border, pixels per
 # thousand of the longer side.
@@ -38,7 +42,8 @@ def flash_shadows_by_geometry(
 
     Returns
     -------
-    (height, width) bool; False where there is no surface.
+    (height, width) bool; False where there is no surface, and where less than half of a
+    pixel is in shadow.
 
     Raises
     ------
@@ -56,28 +61,40 @@ def flash_shadows_by_geometry(
         o3d.core.Tensor.from_numpy((surface.vertices - origin).astype(np.float32)),
         o3d.core.Tensor.from_numpy(np.ascontiguousarray(surface.triangles, np.uint32)),
     )
-    shadow = np.zeros((camera.height, camera.width), bool)
+    shape = (camera.height, camera.width)
+    seen, hidden = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for top in range(0, camera.height, _ROWS_AT_ONCE):
         rows, columns = np.mgrid[top : min(top + _ROWS_AT_ONCE, camera.height), : camera.width]
-        pixels = np.column_stack([columns.ravel() + 0.5, rows.ravel() + 0.5])
-        directions = camera.directions(pixels)
-        rays = np.hstack([np.zeros_like(directions), directions]).astype(np.float32)
-        hit = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
-        distance = hit["t_hit"].numpy().astype(np.float64)
-        normal = hit["primitive_normals"].numpy().astype(np.float64)
-        seen = np.flatnonzero(np.isfinite(distance))
-        places = distance[seen, None] * directions[seen]
-        towards = (flash - origin) - places
-        # Which way a triangle is wound does not matter: its lit side is the one seen.
-        facing = np.sign(-(normal[seen] * directions[seen]).sum(axis=1))
-        away = facing * (normal[seen] * towards).sum(axis=1) <= 0.0
-        # Lengths are parts of the way to the flash, 1 at the flash itself.
-        back = np.hstack([places, towards]).astype(np.float32)
-        blocked = scene.test_occlusions(
-            o3d.core.Tensor.from_numpy(back), tnear=_START, tfar=1.0 - _START
-        ).numpy()
-        shadow[rows.ravel()[seen], columns.ravel()[seen]] = blocked | away
-    return shadow
+        for down, right in _WITHIN_PIXEL:
+            pixels = np.column_stack([columns.ravel() + right, rows.ravel() + down])
+            hit, dark = _hit_and_hidden(scene, camera.directions(pixels), flash - origin)
+            seen[rows, columns] += hit.reshape(rows.shape)
+            hidden[rows, columns] += dark.reshape(rows.shape)
+    return np.asarray((seen > 0) & (2 * hidden > seen))
+
+
+def _hit_and_hidden(
+    scene: Any, directions: NDArray[np.float64], flash: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which rays (n, 3) from the origin meet a surface, and one the flash does not light."""
+    import open3d as o3d
+
+    rays = np.hstack([np.zeros_like(directions), directions]).astype(np.float32)
+    answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
+    distance = answer["t_hit"].numpy().astype(np.float64)
+    normal = answer["primitive_normals"].numpy().astype(np.float64)
+    hit = np.isfinite(distance)
+    places = distance[hit, None] * directions[hit]
+    towards = flash - places
+    # Which way a triangle is wound does not matter: its lit side is the one seen.
+    facing = -np.sign((normal[hit] * directions[hit]).sum(axis=1))
+    away = facing * (normal[hit] * towards).sum(axis=1) <= 0.0
+    # Lengths are parts of the way to the flash, 1 at the flash itself.
+    back = o3d.core.Tensor.from_numpy(np.hstack([places, towards]).astype(np.float32))
+    blocked = scene.test_occlusions(back, tnear=_START, tfar=1.0 - _START).numpy()
+    hidden = np.zeros(len(hit), bool)
+    hidden[hit] = blocked | away
+    return hit, hidden
 
 
 def flash_shadows_by_value(image: NDArray[np.uint8], mask: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -118,7 +118,7 @@ class RangeMapClassifier:
     span : its values at the ends of the levels.
     log_odds : (levels, incidence levels) float64, by signal and incidence.
     chroma_log_odds : (levels, levels) float64, by chromaticity, classes equally frequent;
-        (0, 0) where not all examples have colour.
+        (0, 0) where not all examples have colour, or theirs tells nothing.
     separability : how much the classes overlap and, where too much, why masking cannot work.
     """
 
@@ -220,9 +220,13 @@ def learned_range_maps(
     clutter, kept = _classes(counts, options.smoothing_bins, clutter_only)
     told = _separability(kept, clutter)
     log_odds = np.log((kept + _PRIOR_SAMPLES) / (clutter + _PRIOR_SAMPLES))
-    if not colored:
-        return RangeMapClassifier(signal, span, log_odds, np.zeros((0, 0)), told)
+    untold = RangeMapClassifier(signal, span, log_odds, np.zeros((0, 0)), told)
+    # Too dark for hues is no colour, and one class's colours alone say nothing.
+    if not chroma.any(axis=(1, 2)).all():
+        return untold
     other, own = _classes(chroma, _CHROMA_SMOOTHING, clutter_only)
+    if not own.any():
+        return untold
     told = min(told, _separability(own, other), key=lambda each: each.overlap)
     # How frequent the classes are is in the first histogram already.
     frequency = (other.sum() + _PRIOR_SAMPLES) / (own.sum() + _PRIOR_SAMPLES)
@@ -327,8 +331,11 @@ def _without_unmarked(
     """What of the unmarked samples is not clutter like the marked: the object's histogram.
 
     Where the object never falls, unmarked clutter is all there is, and its ratio to the
-    marked one the least.
+    marked one the least. None is where all differ by less than the least object would: the
+    subtraction would leave noise, which overlaps with nothing.
     """
+    if _overlap(unmarked, clutter) > np.sqrt(1.0 - _LEAST_FOREGROUND_PART):
+        return np.zeros_like(unmarked)
     telling = clutter >= _TELLING_PART * clutter.max()
     share = float((unmarked[telling] / clutter[telling]).min())
     return np.maximum(unmarked - share * clutter, 0.0)
@@ -337,6 +344,12 @@ def _without_unmarked(
 def _separability(kept: NDArray[np.float64], clutter: NDArray[np.float64]) -> Separability:
     if kept.sum() < _LEAST_FOREGROUND_PART * clutter.sum():
         return Separability(1.0, "all that is not marked looks like the marked clutter")
-    overlap = float(min(1.0, np.sqrt(kept / kept.sum() * clutter / clutter.sum()).sum()))
+    overlap = _overlap(kept, clutter)
     alike = overlap > _MOST_OVERLAP
     return Separability(overlap, "object and clutter look alike" if alike else "")
+
+
+def _overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Bhattacharyya coefficient of two histograms, 0 apart … 1 alike; 0 where one is empty."""
+    size = one.sum() * other.sum()
+    return float(min(1.0, np.sqrt(one * other).sum() / np.sqrt(size))) if size > 0 else 0.0
