@@ -38,7 +38,6 @@ def masks_chapter(
 
 def _masked_scans(products: Products, truth_known: bool) -> MaskedKind | None:
     from workbench.masking.range_maps import range_map_picture
-
     from workbench.verification.mask_errors import checked_scan_masks
     from workbench.verification.mask_sections import ShownMask
 
