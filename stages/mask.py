@@ -15,7 +15,7 @@ from pydantic import Field
 from workbench.metrics import Metric
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.pipeline.tasks import ItemProducts, Payload
-from workbench.project.mask_subjects import photo_subjects, photos_by_name, scan_subjects
+from workbench.project.mask_subjects import photos_by_name, scan_subjects, subjects_of
 from workbench.project.project import Project, Scene
 from workbench.project.settings import StageOptions
 from workbench.project.user_masks import Kind, Subject, masks_by_subject, read_mask
@@ -119,10 +119,8 @@ def estimate(scene: Scene, options: MaskOptions) -> Estimate:
 def run(job: Job[MaskOptions]) -> StageResult:
     products = job.products
     photos = photos_by_name(products.input_paths("photo_files"))
-    subjects = (
-        *scan_subjects(products.load_if_there("scan_inventory") or {}),
-        *photo_subjects(list(photos.values())),
-    )
+    inventory = products.load_if_there("scan_inventory") or {}
+    subjects = subjects_of(inventory, products.input_paths("photo_files"))
     training = masks_by_subject(products.input_paths("training_masks"), subjects)
     corrected = masks_by_subject(products.input_paths("corrected_masks"), subjects)
     for drawn in (training, corrected):
@@ -152,8 +150,9 @@ def _masked(
     taught = {s: path for s, path in training.items() if s.kind == kind}
     warnings: list[str] = []
     if taught:
-        learn = _learn_scans if kind == "scan" else _learn_photos
-        warnings += learn(job, taught, photos)
+        warnings += (
+            _learn_scans(job, taught) if kind == "scan" else _learn_photos(job, taught, photos)
+        )
     # A training mask that tells everything is as good as a correction.
     whole = taught if options.training == "object" else {}
     drawn = {s: path for s, path in (whole | dict(corrected)).items() if s.kind == kind}
@@ -184,9 +183,7 @@ def _masked(
     )
 
 
-def _learn_scans(
-    job: Job[MaskOptions], taught: Mapping[Subject, Path], photos: Mapping[str, Path]
-) -> list[str]:
+def _learn_scans(job: Job[MaskOptions], taught: Mapping[Subject, Path]) -> list[str]:
     from workbench.masking.range_maps import learned_range_maps
 
     examples = [
@@ -348,7 +345,7 @@ def suggest(project: Project, wanted: int) -> list[dict[str, str]]:
     wanted : how many scans, and how many photographs.
     """
     from workbench.formats.photo_preview import read_preview
-    from workbench.masking.range_maps import range_map_picture
+    from workbench.masking.range_map_signal import range_map_picture
     from workbench.masking.suggestion import suggested
 
     def seen(scan: RangeMap) -> NDArray[np.float32]:

@@ -61,13 +61,13 @@ def held_scans(job: Job[RegisterOptions], inventory: dict[str, Any]) -> HeldScan
             found=", ".join(name for k, name in enumerate(names) if k not in given),
             fix="add the poses, or --set register.placement=auto",
         )
-    masked = job.products.items("scan_masks")
     oriented, viewpoints = [], []
     with job.progress.step("normals", len(names)) as step:
         for name in names:
             scan = job.products.load("range_maps", name)
-            if name in masked:
-                scan = scan.masked(job.products.load("scan_masks", name))
+            mask = job.products.load_if_there("scan_masks", name)
+            if mask is not None:
+                scan = scan.masked(mask)
             most = job.options.memory_samples // len(names)
             oriented.append(orient(scan, OrientationSettings()).thinned(most))
             viewpoints.append(scan.viewpoint_in_scan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from workbench.formats.mask_png import read_mask_png
 from workbench.geometry.mesh import TriangleMesh
 from workbench.metrics import Metric
 from workbench.pipeline.stage import Products
+from workbench.project.mask_subjects import photos_by_name, subjects_of
+from workbench.project.user_masks import masks_by_subject
 from workbench.verification.photo_sections import evenly_chosen
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ def masks_chapter(
 
 
 def _masked_scans(products: Products, truth_known: bool) -> MaskedKind | None:
-    from workbench.masking.range_maps import range_map_picture
+    from workbench.masking.range_map_signal import range_map_picture
     from workbench.verification.mask_errors import checked_scan_masks
     from workbench.verification.mask_sections import ShownMask
 
@@ -83,7 +85,7 @@ def _masked_photos(products: Products) -> MaskedKind | None:
     from workbench.formats.photo_reading import read_photo
     from workbench.verification.mask_sections import ShownMask
 
-    paths = {path.stem: path for path in products.input_paths("photo_files")}
+    paths = photos_by_name(products.input_paths("photo_files"))
     names = [name for name in products.items("photo_masks") if name in paths]
     if not names:
         return None
@@ -130,8 +132,8 @@ def _automatic(
     products: Products, kind: str, name: str, used: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:
     """The mask as found; where nothing was learned, the one that was drawn."""
-    there = name in products.items(f"automatic_{kind}_masks")
-    return products.load(f"automatic_{kind}_masks", name) if there else used
+    found = products.load_if_there(f"automatic_{kind}_masks", name)
+    return used if found is None else cast("NDArray[np.uint8]", found)
 
 
 def _against_corrections(products: Products, kind: str) -> tuple[CheckedMasks | None, str]:
@@ -139,8 +141,12 @@ def _against_corrections(products: Products, kind: str) -> tuple[CheckedMasks | 
     from workbench.masking.evaluation import joined_errors, masking_errors
     from workbench.verification.mask_errors import CheckedMasks
 
-    drawn = {path.stem for path in products.input_paths("corrected_masks")}
-    both = drawn & set(products.items(f"automatic_{kind}_masks"))
+    files, there = products.input_paths("corrected_masks"), set()
+    if files:
+        known = products.load_if_there("scan_inventory") or {}
+        subjects = subjects_of(known, products.input_paths("photo_files"))
+        there = {s.name for s in masks_by_subject(files, subjects) if s.kind == kind}
+    both = there & set(products.items(f"automatic_{kind}_masks"))
     if not both:
         return None, ""
     used = {name: products.load(f"{kind}_masks", name) for name in sorted(both)}

@@ -1,4 +1,4 @@
-"""Error of masks against run time, for pyramid levels, iterations and bins.
+"""Error of photographs' masks against run time, for the forest, the cut and the published method.
 
     python -m tests.benchmarks.bench_masking OUT [DTU_SCAN]
 
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -21,24 +22,32 @@ from numpy.typing import NDArray
 
 from tests.benchmarks.drawing import draw_tradeoff
 from tests.masking.scenes import photograph
-from workbench.masking.classifier import ClassifierOptions, trained
-from workbench.masking.evaluation import masking_errors
+from workbench.masking.classifier import PAPER, ClassifierOptions, trained
+from workbench.masking.evaluation import joined_errors, masking_errors
 from workbench.masking.histograms import Example
 from workbench.masking.segmentation import SegmentationOptions, segmented
 from workbench.masking.suggestion import suggested
 from workbench.verification.figures import TradeoffPoint
 
 Image = NDArray[np.uint8]
-CHOSEN = "2 levels, 1 iteration, 32 bins"
+CHOSEN = "forest of 30, cut at 800 px"
+BARE = SegmentationOptions(erosion_px=0)
+PUBLISHED = replace(BARE, method="grabcut", coarse_side_px=400, finer_levels=2)
 SETTINGS = {
-    "0 levels, 1 iteration, 32 bins": (0, 1, 32),
-    "1 level, 1 iteration, 32 bins": (1, 1, 32),
-    CHOSEN: (2, 1, 32),
-    "2 levels, 2 iterations, 32 bins": (2, 2, 32),
-    "2 levels, 5 iterations, 32 bins": (2, 5, 32),
-    "2 levels, 1 iteration, 8 bins": (2, 1, 8),
-    "2 levels, 1 iteration, 16 bins": (2, 1, 16),
-    "2 levels, 1 iteration, 64 bins": (2, 1, 64),
+    CHOSEN: (ClassifierOptions(), BARE),
+    "forest of 10": (ClassifierOptions(trees=10), BARE),
+    "forest of 60": (ClassifierOptions(trees=60), BARE),
+    "cut at 400 px": (ClassifierOptions(), replace(BARE, coarse_side_px=400)),
+    "cut at 1600 px": (ClassifierOptions(), replace(BARE, coarse_side_px=1600)),
+    "1 finer level": (ClassifierOptions(), replace(BARE, finer_levels=1)),
+    "smoothness 2": (ClassifierOptions(), replace(BARE, smoothness=2.0)),
+    "smoothness 32": (ClassifierOptions(), replace(BARE, smoothness=32.0)),
+    "histograms with tone, cut": (ClassifierOptions(trees=0), BARE),
+    "published: histogram, GrabCut": (PAPER, PUBLISHED),
+    "published, 5 iterations": (PAPER, replace(PUBLISHED, iterations=5)),
+    "published, 0 finer levels": (PAPER, replace(PUBLISHED, finer_levels=0)),
+    "published, 8 bins": (replace(PAPER, bins=8), PUBLISHED),
+    "published, 64 bins": (replace(PAPER, bins=64), PUBLISHED),
 }
 
 
@@ -73,7 +82,7 @@ def measured(name: str, tests: list[Example], mask_of: Callable[[Example], Image
     seconds = (perf_counter() - start) / len(tests)
     errors = [masking_errors(m, e.mask) for m, e in zip(masks, tests, strict=True)]
     each = [error.iou for error in errors]
-    total = sum(errors[1:], errors[0])
+    total = joined_errors(errors)
     print(
         f"{name:34s}{seconds:8.2f}{np.mean(each):10.4f}{min(each):9.4f}"
         f"{total.false_positive_percent:8.2f}{total.false_negative_percent:8.2f}",
@@ -99,11 +108,8 @@ def main(out: Path, scan: Path | None) -> None:
         return np.where(large > 0.5, 255, 0).astype(np.uint8)
 
     points.append(measured("threshold alone", tests, thresholded))
-    for name, (levels, iterations, bins) in SETTINGS.items():
-        classifier = trained(taught, ClassifierOptions(bins=bins))
-        options = SegmentationOptions(
-            finer_levels=levels, iterations=iterations, median_px=5, erosion_px=0
-        )
+    for name, (learning, options) in SETTINGS.items():
+        classifier = trained(taught, learning)
         points.append(
             measured(
                 name,

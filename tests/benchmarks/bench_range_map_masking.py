@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.benchmarks.drawing import draw_tradeoff
+from tests.masking.scenes import range_map_channels
 from workbench.formats.mask_png import read_mask_png
 from workbench.formats.range_ply import read_range_ply
 from workbench.geometry import transforms
@@ -29,14 +30,13 @@ from workbench.geometry.rangemap import RangeMap
 from workbench.masking.classifier import PAPER, trained
 from workbench.masking.grid_surface import grid_image, grid_surface
 from workbench.masking.histograms import Example
+from workbench.masking.range_map_signal import range_map_picture, reflectance_span
 from workbench.masking.range_maps import (
     RangeMapMaskingOptions,
     learned_range_maps,
     mask_of_range_map,
-    range_map_picture,
-    reflectance_span,
 )
-from workbench.masking.segmentation import SegmentationOptions, range_map_channels, segmented
+from workbench.masking.segmentation import SegmentationOptions, segmented
 from workbench.masking.suggestion import suggested
 from workbench.synthetic.options import SimulationOptions
 from workbench.synthetic.scene import OBJECT

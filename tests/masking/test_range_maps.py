@@ -16,13 +16,12 @@ from workbench.geometry.rangemap import RangeMap
 from workbench.masking import surface_cut as surface_cut_module
 from workbench.masking.evaluation import masking_errors
 from workbench.masking.grid_surface import grid_surface
+from workbench.masking.range_map_signal import range_map_picture, reflectance_span
 from workbench.masking.range_maps import (
     RangeMapClassifier,
     RangeMapMaskingOptions,
     learned_range_maps,
     mask_of_range_map,
-    range_map_picture,
-    reflectance_span,
 )
 from workbench.masking.sample_filters import eroded, median_of_samples
 from workbench.masking.surface_cut import surface_cut

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.masking.scenes import photograph, range_map
+from tests.masking.scenes import photograph, range_map, range_map_channels
 from workbench.errors import InputError, SettingsError
 from workbench.masking.classifier import ClassifierOptions, trained
 from workbench.masking.evaluation import masking_errors
@@ -16,7 +16,6 @@ from workbench.masking.rectangle import segmented_in_rectangle
 from workbench.masking.segmentation import (
     SegmentationOptions,
     octagon,
-    range_map_channels,
     segmented,
 )
 from workbench.masking.suggestion import suggested

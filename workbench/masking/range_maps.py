@@ -34,22 +34,11 @@ from workbench.masking.range_map_signal import (
     Span,
     chroma_bins,
     common_signal,
-    range_map_picture,
-    reflectance_span,
     sample_signal,
     span_of,
 )
 from workbench.masking.sample_filters import eroded, median_of_samples, neighbours_on_surface
 from workbench.masking.surface_cut import surface_cut
-
-__all__ = [
-    "RangeMapClassifier",
-    "RangeMapMaskingOptions",
-    "learned_range_maps",
-    "mask_of_range_map",
-    "range_map_picture",
-    "reflectance_span",
-]
 
 # Half a sample of either class in every bin: a bin never seen says nothing.
 _PRIOR_SAMPLES = 0.5

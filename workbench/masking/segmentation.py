@@ -80,7 +80,7 @@ def segmented(
 
     Parameters
     ----------
-    image : (h, w, 3) uint8 RGB, or three channels of a range map (``range_map_channels``).
+    image : (h, w, 3) uint8 RGB, or any three channels in which regions differ.
     probability : (h', w') float32 of foreground in [0, 1], of any size; NaN, unknown, is
         taken from the neighbourhood.
 
@@ -106,7 +106,7 @@ def segmented(
         told = cv2.resize(log_odds(probability), size, interpolation=cv2.INTER_LINEAR)
         evidence = np.asarray(told, np.float32)
         found = cut_by_evidence(coarse, evidence, options.smoothness)
-        return _refined(image, found, coarse[..., 0].size, options)
+        return _refined(image, found, options)
     likely = cv2.resize(_filled(probability), size, interpolation=cv2.INTER_LINEAR)
     seeds = np.where(likely > 0.5, graphcut.MAYBE_FOREGROUND, graphcut.MAYBE_CLUTTER)
     seeds[likely > options.sure_foreground] = graphcut.SURE_FOREGROUND
@@ -120,14 +120,11 @@ def cut(
     """The mask that grows from seeds at the coarse level, (h', w') uint8 of ``graphcut``."""
     coarse = np.asarray(at_side(image, options.coarse_side_px), np.uint8)
     solution = graphcut.solved(coarse, seeds, options.iterations)
-    return _refined(image, solution.foreground, coarse[..., 0].size, options)
+    return _refined(image, solution.foreground, options)
 
 
 def _refined(
-    image: NDArray[np.uint8],
-    coarse: NDArray[np.bool_],
-    most_pixels: int,
-    options: SegmentationOptions,
+    image: NDArray[np.uint8], coarse: NDArray[np.bool_], options: SegmentationOptions
 ) -> NDArray[np.uint8]:
     """The coarse cut's boundary cut again at finer levels, and cleaned."""
     height, width = image.shape[:2]
@@ -140,52 +137,13 @@ def _refined(
         side = full if side * 2 * 1.25 >= full else side * 2
         level = np.asarray(at_side(image, side), np.uint8)
         guess = _enlarged(found, level.shape[:2])
-        models = graphcut.colours_of(level, guess, most_pixels)
+        models = graphcut.colours_of(level, guess, coarse.size)
         found = guess
         if models is not None:
             found = graphcut.resolved_in_band(level, guess, models, options.band_px)
     if side < full:
         found = _enlarged(found, (height, width))
     return _finished(found, options)
-
-
-def range_map_channels(
-    reflectance: NDArray[np.floating],
-    range_m: NDArray[np.floating],
-    normals: NDArray[np.floating] | None = None,
-) -> NDArray[np.uint8]:
-    """Reflectance, depth discontinuity and slant of a range map, for graph cuts.
-
-    Parameters
-    ----------
-    reflectance : (h, w) float in [0, 1], NaN for no return.
-    range_m : (h, w) distance along the ray, metres, NaN for no return.
-    normals : (h, w, 3) unit normals in the scan's frame, NaN where unknown; None leaves
-        the slant out. Its channel is the normal's vertical (third) component.
-
-    Returns
-    -------
-    (h, w, 3) uint8. A pixel 5 % farther than a neighbour, or more, is 255.
-    """
-    if reflectance.shape != range_m.shape:
-        raise InputError(
-            "reflectance and range must be of the same map",
-            expected=str(reflectance.shape),
-            found=str(range_m.shape),
-        )
-    known = np.isfinite(range_m)
-    distance = np.where(known, range_m, np.inf).astype(np.float32)
-    nearest = cv2.erode(distance, np.ones((3, 3), np.uint8))
-    # On the far side only: the near surface is whole up to its silhouette.
-    jump = np.zeros(distance.shape, np.float32)
-    jump[known] = 20.0 * (1.0 - nearest[known] / np.maximum(distance[known], 1e-6))
-    if normals is None:
-        slant = np.zeros(distance.shape, np.float32)
-    else:
-        slant = 0.5 + 0.5 * np.nan_to_num(normals[..., 2], nan=0.0).astype(np.float32)
-    shown = np.nan_to_num(reflectance, nan=0.0)
-    channels = np.clip(np.dstack([shown, jump, slant]), 0, 1)
-    return np.asarray((255 * channels).round(), np.uint8)
 
 
 def _filled(probability: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -14,11 +14,10 @@ from filelock import FileLock
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
-from workbench.project.project import Project, visible_files
+from workbench.project.project import Project
 from workbench.project.user_masks import (
     Role,
     Subject,
-    mask_folder,
     mask_path,
     masks_by_subject,
     read_mask,
@@ -202,8 +201,7 @@ class MaskFiles:
         """
         found: dict[Subject, Path] = {}
         problems: list[InputError] = []
-        folder = mask_folder(self._project.root, role)
-        for path in visible_files(folder) if folder.is_dir() else ():
+        for path in self._project.input_paths(f"{role}_masks"):
             if stems is not None and path.name.removesuffix(path.suffix) not in stems:
                 continue
             try:

@@ -27,7 +27,18 @@ def mask_subjects(project: Project) -> tuple[Subject, ...]:
     inventory = (
         project.store.load("scan_inventory") if project.store.exists("scan_inventory") else {}
     )
-    return (*scan_subjects(inventory), *photo_subjects(project.photo_files))
+    return subjects_of(inventory, project.photo_files)
+
+
+def subjects_of(inventory: Mapping[str, Any], files: Sequence[Path]) -> tuple[Subject, ...]:
+    """The range maps of a scan inventory, empty before there is one, and the photographs.
+
+    Raises
+    ------
+    InputError
+        When a photograph cannot be read, or two share a name.
+    """
+    return (*scan_subjects(inventory), *photo_subjects(files))
 
 
 def scan_subjects(inventory: Mapping[str, Any]) -> tuple[Subject, ...]:
@@ -89,7 +100,7 @@ def subject_picture(project: Project, subject: Subject) -> NDArray[np.uint8]:
         from workbench.formats.photo_reading import read_photo
 
         return read_photo(photos_by_name(project.photo_files)[subject.name])
-    from workbench.masking.range_maps import range_map_picture
+    from workbench.masking.range_map_signal import range_map_picture
 
     return range_map_picture(project.store.load("range_maps", subject.name))
 

@@ -21,13 +21,14 @@ from workbench.project.settings import (
     read_toml,
 )
 from workbench.project.store import ProductStore
-from workbench.project.user_masks import mask_folder
+from workbench.project.user_masks import Role, mask_folder
 
 if TYPE_CHECKING:
     from workbench.formats.scans import ScanListing
 
 PROJECT_FILE = "project.toml"
 SCHEMA = 1
+_USER_MASKS: Mapping[str, Role] = {"training_masks": "training", "corrected_masks": "corrected"}
 PHOTO_SUFFIXES = frozenset(
     (
         *(".nef", ".cr2", ".cr3", ".crw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".kdc"),
@@ -144,8 +145,8 @@ class Project:
             return listing.files if artefact == "scan_files" else listing.pose_files
         if artefact == "photo_files":
             return self.photo_files
-        if artefact in ("training_masks", "corrected_masks"):
-            folder = mask_folder(self.root, "training" if "training" in artefact else "corrected")
+        if artefact in _USER_MASKS:
+            folder = mask_folder(self.root, _USER_MASKS[artefact])
             return visible_files(folder) if folder.is_dir() else ()
         entry = {
             "geometry_file": inputs.geometry,

@@ -62,14 +62,14 @@ def checked_photo_masks(photos: Sequence[MaskedPhoto], surface: TriangleMesh) ->
 def _photo_errors(
     photos: Sequence[MaskedPhoto], masks: Sequence[NDArray[np.uint8]], scene: RayScene
 ) -> Iterable[MaskingErrors]:
-    for k, (photo, mask) in enumerate(zip(photos, masks, strict=True)):
+    for photo, mask in zip(photos, masks, strict=True):
         missed = (photo.truth > 127) & (mask <= 127)
         covered = np.zeros(mask.shape, bool)
         rows, columns = np.nonzero(missed)
         places, found = _places(scene, photo.camera, rows, columns)
         seen = np.zeros(len(places), bool)
         for other, other_mask in zip(photos, masks, strict=True):
-            if other is not photos[k]:
+            if other is not photo:
                 seen[~seen] = _kept_in(scene, other.camera, other_mask, places[~seen])
         covered[rows[found], columns[found]] = seen
         yield masking_errors(
