@@ -142,3 +142,11 @@ def drawn(project):
         return np.asarray(Image.open(path).convert("L")) > 127 if path.exists() else None
 
     return read
+
+
+@pytest.fixture
+def editor(server, tabs):
+    """The page in a browser, at the first photograph."""
+    from .editor import Editor
+
+    return Editor(tabs(server.url))
