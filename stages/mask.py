@@ -56,7 +56,7 @@ class MaskOptions(StageOptions):
         "there on (Jaspe 2018, 3.4.3).",
     )
     smoothness: float = Field(
-        8.0, ge=0.0, le=1e3, description="What a boundary costs in photographs, log-odds a pixel."
+        32.0, ge=0.0, le=1e3, description="What a boundary costs in photographs, log-odds a pixel."
     )
     median_px: int = Field(
         5,
@@ -376,7 +376,7 @@ def suggest(project: Project, wanted: int) -> list[dict[str, str]]:
 
 MASK = Stage(
     name="mask",
-    version=1,
+    version=2,
     summary="Masks clutter away in scans and photographs, learned from a few drawn masks.",
     options=MaskOptions,
     reads=("scan_inventory", "range_maps", "photo_files", "training_masks", "corrected_masks"),

@@ -93,3 +93,16 @@ def test_evenly_lit_surfaces_and_what_is_off_the_object_have_no_shadow():
     dark = encoded(np.where(np.arange(400) < 150, 0.0, light), noise)
     mask[:, :150] = 0
     assert not flash_shadows_by_value(dark, mask)[:, :150].any()
+
+
+def test_a_large_photograph_has_the_shadow_of_a_small_one():
+    light, noise, mask = painted(500)
+    stripe = np.zeros(light.shape, bool)
+    stripe[120:380, 250:262] = True
+    image = encoded(np.where(stripe, 0.03 * light, light), noise)
+    small = flash_shadows_by_value(image, mask)
+    large = flash_shadows_by_value(np.kron(image, np.ones((4, 4, 1), np.uint8)), np.kron(
+        mask, np.ones((4, 4), np.uint8)))  # fmt: skip
+    again = large[2::4, 2::4]
+    assert small.sum() > 0.8 * stripe.sum()
+    assert (small & again).sum() > 0.95 * (small | again).sum()

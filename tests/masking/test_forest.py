@@ -70,6 +70,31 @@ def test_a_forest_finds_the_disc_and_knows_less_of_dark_photographs_but_the_same
         assert wrong.mean() < 0.03
 
 
+def stripes(scale: float) -> Example:
+    """A square of fine stripes on coarse ones, all grey and equally bright."""
+    y, x = np.mgrid[:240, :240]
+    inside = (abs(x - 120) < 70) & (abs(y - 120) < 70)
+    period = scale * np.where(inside, 16.0, 48.0)
+    noise = np.random.default_rng(0).normal(0, 6, x.shape)
+    grey = np.clip(120 + 60.0 * np.sin(2 * np.pi * (x + y) / period) + noise, 0, 255)
+    return Example(
+        np.dstack([grey.astype(np.uint8)] * 3), np.where(inside, 255, 0).astype(np.uint8)
+    )
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.5])
+def test_what_stands_nearer_or_further_off_is_known_again(scale, monkeypatch):
+    seen, shown = stripes(1.0), stripes(scale)
+
+    def wrong() -> float:
+        found = module.grown([seen], 12).probability(np.asarray(shown.image, np.uint8))
+        return float(((found > 0.5) != shown.foreground).mean())
+
+    at_all_sizes = wrong()
+    monkeypatch.setattr(module, "_SCALES", (1.0,))
+    assert at_all_sizes < 0.5 * wrong()
+
+
 def test_both_classes_must_be_shown(example):
     nothing = Example(example.image, np.zeros_like(example.mask))
     with pytest.raises(InputError, match="both"):

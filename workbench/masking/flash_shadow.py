@@ -25,6 +25,7 @@ _WITHIN_PIXEL = ((0.125, 0.375), (0.375, 0.875), (0.625, 0.125), (0.875, 0.625))
 # Neighbourhood that tells how the surface is lit around, and of the border, pixels per
 # thousand of the longer side.
 _AROUND_PER_MILLE, _BORDER_PER_MILLE = 25.0, 2.0
+_AROUND_SIDE_PX = 800
 # Linear light against the surroundings', and the least step of its logarithm at the border.
 _DARK_PART, _STEP = 0.25, 0.7
 _LEAST_BORDER_PART = 0.5
@@ -126,7 +127,7 @@ def flash_shadows_by_value(image: NDArray[np.uint8], mask: NDArray[np.uint8]) ->
     side = max(mask.shape)
     light = (image.max(axis=2).astype(np.float32) / np.float32(255)) ** np.float32(2.2)
     log_light = np.log(light + np.float32(1e-3))
-    around = _lit_around(light, inside, _AROUND_PER_MILLE * side / 1000.0)
+    around = _lit_around(light, inside)
     dark = inside & (light < _DARK_PART * around)
     size = 2 * max(1, round(_BORDER_PER_MILLE * side / 1000.0)) + 1
     box = np.ones((size, size), np.uint8)
@@ -144,10 +145,17 @@ def flash_shadows_by_value(image: NDArray[np.uint8], mask: NDArray[np.uint8]) ->
     return np.asarray(kept[labels])
 
 
-def _lit_around(
-    light: NDArray[np.float32], inside: NDArray[np.bool_], sigma_px: float
-) -> NDArray[np.float32]:
+def _lit_around(light: NDArray[np.float32], inside: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Root mean square of the light on the object around: the lit part counts most."""
-    weight = cv2.GaussianBlur(inside.astype(np.float32), (0, 0), sigma_px)
-    power = cv2.GaussianBlur(np.where(inside, light**2, 0).astype(np.float32), (0, 0), sigma_px)
-    return np.asarray(np.sqrt(power / np.maximum(weight, np.float32(1e-3))), np.float32)
+    # So wide a mean needs no fine pixels, and would take a minute of 24 million.
+    share = min(1.0, _AROUND_SIDE_PX / max(light.shape))
+    size = tuple(max(1, round(share * side)) for side in light.shape[::-1])
+    sigma_px = _AROUND_PER_MILLE * max(size) / 1000.0
+    part, power = (
+        cv2.GaussianBlur(cv2.resize(values, size, interpolation=cv2.INTER_AREA), (0, 0), sigma_px)
+        for values in (inside.astype(np.float32), np.where(inside, light**2, np.float32(0.0)))
+    )
+    mean = np.sqrt(power / np.maximum(part, np.float32(1e-3)))
+    return np.asarray(
+        cv2.resize(mean, light.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32
+    )

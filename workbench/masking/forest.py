@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import product
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,12 +19,14 @@ from workbench.masking.features import pixel_features
 from workbench.masking.histograms import Example
 
 # More pixels of the same few photographs teach nothing new.
-_MOST_PIXELS = 60_000
+_MOST_PIXELS = 100_000
 _LEAST_LEAF_PIXELS = 5
 _FEATURE_PART = 0.4
 _SEED = 0
 # A flash lights near things more than far ones, so examples are shown darker and brighter too.
 _GAINS = (0.8, 1.0, 1.3)
+# What stands near one camera is far from another.
+_SCALES = (0.6, 1.0, 1.5)
 
 
 @dataclass(frozen=True)
@@ -78,14 +82,14 @@ def grown(examples: Sequence[Example], trees: int) -> Forest:
 
     rng = np.random.default_rng(_SEED)
     samples, labels = [], []
-    for example in examples:
-        foreground = example.foreground.ravel()
-        for gain in _GAINS:
-            features = pixel_features(_exposed(np.asarray(example.image, np.uint8), gain))
-            most = _MOST_PIXELS // (len(examples) * len(_GAINS))
-            picked = rng.permutation(foreground.size)[:most]
-            samples.append(features.reshape(-1, features.shape[2])[picked])
-            labels.append(foreground[picked])
+    most = _MOST_PIXELS // max(1, len(examples) * len(_GAINS) * len(_SCALES))
+    for example, gain, scale in product(examples, _GAINS, _SCALES):
+        shown = _scaled(example, scale)
+        foreground = shown.foreground.ravel()
+        features = pixel_features(_exposed(np.asarray(shown.image, np.uint8), gain))
+        picked = rng.permutation(foreground.size)[:most]
+        samples.append(features.reshape(-1, features.shape[2])[picked])
+        labels.append(foreground[picked])
     if not samples or len(np.unique(np.concatenate(labels))) < 2:
         raise InputError(
             "the masked photographs must show both foreground and clutter",
@@ -100,6 +104,19 @@ def grown(examples: Sequence[Example], trees: int) -> Forest:
         n_jobs=1,
     ).fit(np.vstack(samples), np.concatenate(labels))
     return _tables([tree.tree_ for tree in model.estimators_])
+
+
+def _scaled(example: Example, scale: float) -> Example:
+    if scale == 1.0:
+        return example
+    height, width = example.mask.shape
+    size = (max(1, round(scale * width)), max(1, round(scale * height)))
+    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+    image, mask = (
+        cv2.resize(np.asarray(part, np.uint8), size, interpolation=way)
+        for part in (example.image, example.mask)
+    )
+    return Example(image, np.where(mask > 127, 255, 0).astype(np.uint8))
 
 
 def _exposed(image: NDArray[np.uint8], gain: float) -> NDArray[np.uint8]:

@@ -49,7 +49,7 @@ class SegmentationOptions:
     coarse_side_px: int = 800
     finer_levels: int = 0
     iterations: int = 1
-    smoothness: float = 8.0
+    smoothness: float = 32.0
     band_px: int = 4
     sure_foreground: float = 0.97
     sure_clutter: float = 0.03
