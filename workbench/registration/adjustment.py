@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from workbench.geometry.orientedscan import OrientedScan
+from workbench.geometry.robust import TUKEY, robust_sigma, tukey_weights
 from workbench.geometry.transforms import Matrix4, apply, from_twist, nearest_rigid
 from workbench.registration.correspondence import Matcher, Matches, OverlapGraph, overlap_graph
 from workbench.registration.freedom import Freedom, freedom_in_words, told_apart, unconstrained
-from workbench.registration.robust import TUKEY, robust_sigma, tukey_weights
 
 _ASKED_TWICE = 2.0
 # Matching may end in a cycle of a few states. Steps that no longer shrink, this far below

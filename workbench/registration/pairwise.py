@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from workbench.geometry.orientedscan import OrientedScan
+from workbench.geometry.robust import robust_sigma, tukey_weights
 from workbench.geometry.transforms import Matrix4, apply, from_twist, inverse, nearest_rigid, rigid
 from workbench.kernels.feature_matching import closest_descriptors
 from workbench.registration.consensus import Correspondences, agreed_motions
@@ -22,7 +23,6 @@ from workbench.registration.correspondence import Matcher, Matches
 from workbench.registration.features import Keypoints
 from workbench.registration.freedom import unconstrained
 from workbench.registration.freespace import FreeSpace
-from workbench.registration.robust import robust_sigma, tukey_weights
 
 _RECIPROCAL = 2
 # Their compatibility fills a square table.
