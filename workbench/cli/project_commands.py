@@ -38,6 +38,10 @@ def add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         reference: Annotated[
             Path | None, typer.Option(help="A surface the report compares the model with.")
         ] = None,
+        calibration: Annotated[
+            list[Path] | None,
+            typer.Option(help="Frames of a colour chart or an even target, or their folder."),
+        ] = None,
         preset: Annotated[str, typer.Option(help=", ".join(presets()))] = "default",
         copy: Annotated[bool, typer.Option("--copy", help="Copy the inputs.")] = False,
         as_json: JsonOption = False,
@@ -50,6 +54,7 @@ def add_project_commands(app: typer.Typer, pipeline: Pipeline) -> None:
             geometry=geometry,
             cameras=cameras,
             reference=reference,
+            calibration=calibration or (),
             preset=preset,
             copy=copy,
         )

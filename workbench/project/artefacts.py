@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Format = Literal["json", "arrays", "range-map", "mesh", "mask", "file", "input"]
+Format = Literal["json", "arrays", "range-map", "mesh", "mask", "linear-picture", "file", "input"]
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,10 @@ _TABLE = (
     Artefact("scan_files", "", "input", "the range scans the user brought"),
     Artefact("pose_files", "", "input", "coarse scan poses beside the scans"),
     Artefact("photo_files", "", "input", "the photographs the user brought"),
+    Artefact("photo_sidecars", "", "input", "what cameras wrote beside photographs"),
+    Artefact("calibration_files", "", "input", "frames of charts and even targets, and notes"),
     Artefact("camera_files", "", "input", "ready-made photograph orientations"),
+    Artefact("alignment_file", "", "input", "places picked on the scans and in photographs"),
     Artefact("geometry_file", "", "input", "a surface made elsewhere"),
     Artefact("reference_file", "", "input", "a surface to compare with"),
     Artefact("training_masks", "", "input", "the masks the user drew to learn from"),
@@ -51,6 +54,24 @@ _TABLE = (
     Artefact("scan_inventory", "work/ingest/scans.json", "json", "every scan and what it holds"),
     Artefact(
         "range_maps", "work/ingest/range_maps/{item}.npz", "range-map", "scans in metres, checked"
+    ),
+    Artefact(
+        "photo_inventory", "work/develop/photos.json", "json", "every photograph and its exposure"
+    ),
+    Artefact(
+        "color_calibration", "work/develop/color.json", "json", "from the camera's colours to ours"
+    ),
+    Artefact(
+        "developed_photos",
+        "work/develop/photos/{item}.tif",
+        "linear-picture",
+        "photographs in linear colour",
+    ),
+    Artefact(
+        "unclipped_masks",
+        "work/develop/unclipped/{item}.png",
+        "mask",
+        "where the sensor was not full",
     ),
     Artefact("scan_masker", "work/mask/scan_masker.npz", "arrays", "what clutter in scans is like"),
     Artefact(
@@ -91,6 +112,12 @@ _TABLE = (
     Artefact("block_surfaces", "work/infill/blocks/{item}.npz", "mesh", "each block's solution"),
     Artefact("surface_parts", "work/infill/parts/{item}.npz", "arrays", "surface of each block"),
     Artefact("surface", "work/infill/surface.npz", "mesh", "closed surface with provenance"),
+    Artefact(
+        "photo_poses", "work/orient/photo_poses.json", "json", "where photographs were taken from"
+    ),
+    Artefact("oriented_cameras", "work/orient/colmap/cameras.txt", "file", "COLMAP: the lenses"),
+    Artefact("oriented_images", "work/orient/colmap/images.txt", "file", "COLMAP: photographs"),
+    Artefact("oriented_points", "work/orient/colmap/points3D.txt", "file", "COLMAP: the points"),
     Artefact("surface_ply", "exports/surface.ply", "file", "the surface with all attributes"),
     Artefact("surface_obj", "exports/surface.obj", "file", "the surface for general tools"),
     Artefact("surface_glb", "exports/surface.glb", "file", "the surface for the web"),

@@ -10,11 +10,13 @@ from pathlib import Path
 
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
+from workbench.photos.exif import sidecar_files
 from workbench.project.project import (
     PROJECT_FILE,
     SCHEMA,
     Project,
     absolute,
+    find_calibration,
     find_photos,
     visible_files,
 )
@@ -34,6 +36,7 @@ def create_project(
     geometry: Path | None = None,
     cameras: Path | None = None,
     reference: Path | None = None,
+    calibration: Sequence[Path] = (),
     preset: str = "default",
     copy: bool = False,
 ) -> Project:
@@ -63,11 +66,14 @@ def create_project(
 
         find_scans(scans)
     find_photos(photos)
+    find_calibration(calibration)
     made = not root.exists()
     try:
         root.mkdir(parents=True, exist_ok=True)
         place = _copies_in(root / "inputs") if copy else _where_it_lies
-        text = _project_toml(root, preset, scans, photos, geometry, cameras, reference, place)
+        text = _project_toml(
+            root, preset, scans, photos, geometry, cameras, reference, calibration, place
+        )
         with replacing(root / PROJECT_FILE) as temporary:
             temporary.write_bytes(text)
     except BaseException as error:
@@ -92,6 +98,7 @@ def _project_toml(
     geometry: Path | None,
     cameras: Path | None,
     reference: Path | None,
+    calibration: Sequence[Path],
     place: _Placement,
 ) -> bytes:
     def entry(path: Path, kind: str) -> str:
@@ -101,6 +108,8 @@ def _project_toml(
     lines += ["", "[inputs]", "# relative to this folder"]
     lines += [f"scans = {_toml([entry(path, 'scans') for path in scans])}"]
     lines += [f"photos = {_toml([entry(path, 'photos') for path in photos])}"]
+    if calibration:
+        lines += [f"calibration = {_toml([entry(path, 'calibration') for path in calibration])}"]
     for kind, path in (("geometry", geometry), ("cameras", cameras), ("reference", reference)):
         if path is not None:
             lines += [f"{kind} = {_toml(entry(path, kind))}"]
@@ -147,6 +156,8 @@ def _copies_in(inputs: Path) -> _Placement:
         shutil.copy2(source, target)
         if kind == "scans":
             _copy_poses(source, target)
+        for beside in sidecar_files(source) if kind in ("photos", "calibration") else ():
+            shutil.copy2(beside, target)
         return target / source.name
 
     return place

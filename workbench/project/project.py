@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from workbench.formats.scans import ScanListing
 
 PROJECT_FILE = "project.toml"
+CALIBRATION_FOLDER = "calibration"
+ALIGNMENT_FILE = "alignment.toml"
 SCHEMA = 1
 _USER_MASKS: Mapping[str, Role] = {"training_masks": "training", "corrected_masks": "corrected"}
 PHOTO_SUFFIXES = frozenset(
@@ -35,6 +37,7 @@ PHOTO_SUFFIXES = frozenset(
         *(".jpg", ".jpeg", ".png", ".tif", ".tiff"),
     )
 )
+_CALIBRATION_SUFFIXES = PHOTO_SUFFIXES | {".toml"}
 
 
 class Inputs(BaseModel):
@@ -46,6 +49,7 @@ class Inputs(BaseModel):
     geometry: str | None = None
     cameras: str | None = None
     reference: str | None = None
+    calibration: tuple[str, ...] = ()
 
 
 class ProjectFile(BaseModel):
@@ -77,6 +81,7 @@ class Scene:
     training_masks: int = 0
     corrected_masks: int = 0
     reflectance_populations: int | None = None
+    calibration: int = 0
 
 
 class Project:
@@ -135,6 +140,18 @@ class Project:
         """The photographs the project names."""
         return find_photos([self._input_path(entry) for entry in self.file.inputs.photos])
 
+    @cached_property
+    def calibration_files(self) -> tuple[Path, ...]:
+        """Frames of charts and even targets, and the notes beside them.
+
+        Those that the project names; else what lies in its own ``calibration`` folder.
+        """
+        if self.file.inputs.calibration:
+            entries = self.file.inputs.calibration
+            return find_calibration([self._input_path(entry) for entry in entries])
+        own = self.root / CALIBRATION_FOLDER
+        return _calibration_in(own) if own.is_dir() else ()
+
     def input_paths(self, artefact: str) -> tuple[Path, ...]:
         """The user's files behind an artefact of format ``input``."""
         inputs = self.file.inputs
@@ -145,6 +162,16 @@ class Project:
             return listing.files if artefact == "scan_files" else listing.pose_files
         if artefact == "photo_files":
             return self.photo_files
+        if artefact == "photo_sidecars":
+            # Here and not above, as for scans.
+            from workbench.photos.exif import sidecar_files
+
+            return tuple(beside for path in self.photo_files for beside in sidecar_files(path))
+        if artefact == "alignment_file":
+            path = self.root / ALIGNMENT_FILE
+            return (path,) if path.is_file() else ()
+        if artefact == "calibration_files":
+            return self.calibration_files
         if artefact in _USER_MASKS:
             folder = mask_folder(self.root, _USER_MASKS[artefact])
             return visible_files(folder) if folder.is_dir() else ()
@@ -174,6 +201,7 @@ class Project:
             training_masks=len(self.input_paths("training_masks")),
             corrected_masks=len(self.input_paths("corrected_masks")),
             reflectance_populations=self._reflectance_populations(),
+            calibration=len(self.calibration_files),
         )
 
     def _reflectance_populations(self) -> int | None:
@@ -233,6 +261,29 @@ def find_photos(paths: Sequence[Path]) -> tuple[Path, ...]:
             )
         found |= dict.fromkeys(photos)
     return tuple(found)
+
+
+def find_calibration(paths: Sequence[Path]) -> tuple[Path, ...]:
+    """Calibration frames and notes among ``paths``: files as they are, folders one level deep."""
+    found: dict[Path, None] = {}
+    for path in paths:
+        if not path.exists():
+            raise InputError("There is no such file or folder", file=path, fix="check the path")
+        kept = _calibration_in(path)
+        if not kept:
+            raise InputError(
+                "No calibration frames found",
+                file=path,
+                expected=" ".join(sorted(_CALIBRATION_SUFFIXES)),
+                fix="name photographs of a chart or an even target, or a folder that holds some",
+            )
+        found |= dict.fromkeys(kept)
+    return tuple(found)
+
+
+def _calibration_in(path: Path) -> tuple[Path, ...]:
+    candidates = visible_files(path) if path.is_dir() else (path,)
+    return tuple(absolute(p) for p in candidates if p.suffix.lower() in _CALIBRATION_SUFFIXES)
 
 
 def _project_file(path: Path) -> ProjectFile:

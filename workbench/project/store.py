@@ -21,6 +21,7 @@ import numpy as np
 
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
+from workbench.formats.linear_tiff import read_linear_tiff, write_linear_tiff
 from workbench.formats.mask_png import read_mask_png, write_mask_png
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.rangemap import RangeMap
@@ -83,7 +84,7 @@ class ProductStore:
         return self.path(name, item).exists()
 
     def load(self, name: str, item: str | None = None, only: Sequence[str] | None = None) -> Any:
-        """The value of an artefact: dict, arrays, ``RangeMap``, ``TriangleMesh``, mask or a path.
+        """The value of an artefact: dict, arrays, a value type, mask or a path.
 
         Of ``arrays``, ``only`` those that are named are read; what is not there is damage.
         """
@@ -97,6 +98,8 @@ class ProductStore:
                 return path
             if artefact.format == "mask":
                 return read_mask_png(path)
+            if artefact.format == "linear-picture":
+                return read_linear_tiff(path)
             with np.load(path, allow_pickle=False) as archive:
                 arrays = {key: archive[key] for key in only or archive.files}
             if artefact.format == "range-map":
@@ -126,6 +129,8 @@ class ProductStore:
                 _write_arrays(path, value.arrays())
             elif artefact.format == "mask":
                 write_mask_png(path, value)
+            elif artefact.format == "linear-picture":
+                write_linear_tiff(path, value)
             elif artefact.format == "arrays":
                 _write_arrays(path, value)
             else:

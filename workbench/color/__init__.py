@@ -1,0 +1,1 @@
+"""Colour as a measurement: the ColorChecker, calibration matrices, sensor linearity."""

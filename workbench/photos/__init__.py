@@ -1,0 +1,1 @@
+"""Photographs as measurements of light: decoding, EXIF, exposure, vignetting."""
