@@ -1,0 +1,382 @@
+"""The unknowns of a bundle adjustment, what they predict, and how that changes with them.
+
+Lenses are COLMAP's own, whatever their model: pixels come from its code, and their derivatives
+from central differences of it, which 53 bits leave exact to some nine digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from workbench.formats.colmap import NO_POINT, ColmapCamera, ColmapImage, ColmapModel, ColmapPoint
+from workbench.geometry.similarity import Similarity
+from workbench.geometry.transforms import from_twist
+
+Matrices = NDArray[np.float64]
+
+# Cauchy's weight function, 95 % efficient on Gaussian residuals.
+_CAUCHY = 2.3849
+# What is believed of every lens before: a middle near the image's (parts of the longer side),
+# square pixels (parts of the focal length), well-centred elements. Photographs of one object
+# alone hardly tell these from a turn of all cameras.
+_PRINCIPAL_SIGMA, _SQUARE_SIGMA = 0.005, 1e-4
+_DISTORTION_SIGMA, _TANGENTIAL_SIGMA = 0.2, 5e-4
+_TANGENTIAL = ("p1", "p2")
+_STEP = 1e-6
+_POSE = 6
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Normal equations of the reprojections; c camera unknowns, p points.
+
+    Attributes
+    ----------
+    camera_hessian : (c, c); every image's rotation and shift, then every lens's parameters.
+    camera_gradient : (c,).
+    point_hessian : (p, 3, 3).
+    point_gradient : (p, 3).
+    coupling : (c, 3p) sparse.
+    weights : (m,) robust weight of each observation.
+    """
+
+    camera_hessian: Matrices
+    camera_gradient: Matrices
+    point_hessian: Matrices
+    point_gradient: Matrices
+    coupling: Any
+    weights: Matrices
+
+
+@dataclass(frozen=True)
+class LensBelief:
+    """Residuals ``rows @ params − values`` of unit variance, before any photograph is seen."""
+
+    rows: Matrices
+    values: Matrices
+
+    @classmethod
+    def of(cls, camera: ColmapCamera) -> LensBelief:
+        """What is believed of a lens of that model and image size."""
+        import pycolmap
+
+        lens = pycolmap.Camera(
+            model=camera.model, width=camera.width, height=camera.height, params=camera.params
+        )
+        names = [name.strip() for name in lens.params_info.split(",")]
+        rows, values = [], []
+        side = max(camera.width, camera.height)
+        middle = (0.5 * camera.width, 0.5 * camera.height)
+        unit = np.eye(len(names))
+        for index, expected in zip(lens.principal_point_idxs(), middle, strict=True):
+            rows.append(unit[index] / (_PRINCIPAL_SIGMA * side))
+            values.append(expected / (_PRINCIPAL_SIGMA * side))
+        for index in lens.extra_params_idxs():
+            sigma = _TANGENTIAL_SIGMA if names[index] in _TANGENTIAL else _DISTORTION_SIGMA
+            rows.append(unit[index] / sigma)
+            values.append(0.0)
+        focal = lens.focal_length_idxs()
+        if len(focal) == 2:
+            sigma = _SQUARE_SIGMA * camera.params[focal[0]]
+            rows.append((unit[focal[0]] - unit[focal[1]]) / sigma)
+            values.append(0.0)
+        return cls(np.array(rows).reshape(-1, len(names)), np.array(values))
+
+    def residuals(self, params: Matrices) -> Matrices:
+        """(k,) how far the parameters are from what is believed, in its standard deviations."""
+        return np.asarray(self.rows @ params - self.values)
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Cameras, points and observations as arrays.
+
+    Attributes
+    ----------
+    source : the model they came from.
+    image_ids, camera_ids : of the rows of ``poses`` and of ``params``.
+    poses : (n, 4, 4) camera_from_world.
+    params : one array per lens, in COLMAP's order.
+    beliefs : what is believed of each lens's parameters before.
+    camera_of_image : (n,) row of the lens.
+    point_ids, points : (p,) and (p, 3).
+    seen_image, seen_point : (m,) rows of image and point of each observation.
+    pixels : (m, 2) observed.
+    """
+
+    source: ColmapModel
+    image_ids: tuple[int, ...]
+    camera_ids: tuple[int, ...]
+    poses: Matrices
+    params: tuple[Matrices, ...]
+    beliefs: tuple[LensBelief, ...]
+    camera_of_image: NDArray[np.intp]
+    point_ids: NDArray[np.int64]
+    points: Matrices
+    seen_image: NDArray[np.intp]
+    seen_point: NDArray[np.intp]
+    pixels: Matrices
+
+    @classmethod
+    def of(cls, model: ColmapModel, most_points: int) -> Bundle:
+        """The unknowns of a model; of many points those with the longest tracks."""
+        image_ids = tuple(sorted(model.images))
+        camera_ids = tuple(sorted({model.images[n].camera_id for n in image_ids}))
+        row_of_image = {number: row for row, number in enumerate(image_ids)}
+        row_of_camera = {number: row for row, number in enumerate(camera_ids)}
+        longest = sorted(model.points, key=lambda n: (-len(model.points[n].track), n))
+        point_ids = np.array(sorted(longest[:most_points]), np.int64)
+        row_of_point = {int(number): row for row, number in enumerate(point_ids)}
+        images, seen, pixels = [], [], []
+        for number in image_ids:
+            image = model.images[number]
+            rows = np.array(
+                [row_of_point.get(int(p), NO_POINT) for p in image.point3d_ids], np.intp
+            )
+            known = rows != NO_POINT
+            images.append(np.full(int(known.sum()), row_of_image[number], np.intp))
+            seen.append(rows[known])
+            pixels.append(image.points2d[known])
+        params = tuple(np.array(model.cameras[n].params, float) for n in camera_ids)
+        return cls(
+            model,
+            image_ids,
+            camera_ids,
+            np.array([model.images[n].camera_from_world for n in image_ids]),
+            params,
+            tuple(LensBelief.of(model.cameras[n]) for n in camera_ids),
+            np.array([row_of_camera[model.images[n].camera_id] for n in image_ids], np.intp),
+            point_ids,
+            np.array([model.points[int(n)].xyz for n in point_ids], float).reshape(-1, 3),
+            np.concatenate(images) if images else np.zeros(0, np.intp),
+            np.concatenate(seen) if seen else np.zeros(0, np.intp),
+            np.concatenate(pixels) if pixels else np.zeros((0, 2)),
+        )
+
+    @property
+    def problem(self) -> str:
+        """Why nothing can be adjusted; empty where something can."""
+        views = np.bincount(self.seen_point, minlength=len(self.points))
+        if (views >= 2).sum() < 12:
+            return "fewer than a dozen points are seen by two photographs or more"
+        alone = np.bincount(self.seen_image, minlength=len(self.image_ids)) < 4
+        if alone.any():
+            names = [self.source.images[self.image_ids[n]].name for n in np.flatnonzero(alone)]
+            return f"fewer than four points are seen by {', '.join(names)}"
+        return ""
+
+    def projected(self) -> Matrices:
+        """Pixels (m, 2) where the observations should be; NaN behind the camera."""
+        return self._imaged(self._in_cameras(), self.params)
+
+    def residuals(self) -> Matrices:
+        """(k, 2) predicted minus observed pixels, of observations before their camera."""
+        apart = self.projected() - self.pixels
+        return np.asarray(apart[np.isfinite(apart).all(axis=1)])
+
+    def cost(self, sigma_px: float, weights: Matrices) -> float:
+        """Weighted squares of all reprojections, and of what is believed of the lenses."""
+        apart = np.nan_to_num(self.projected() - self.pixels, nan=1e3)
+        total = float((weights[:, None] * apart**2).sum()) / sigma_px**2
+        for now, belief in zip(self.params, self.beliefs, strict=True):
+            total += float((belief.residuals(now) ** 2).sum())
+        return total
+
+    def linearised(self, sigma_px: float) -> Linearised:
+        """Normal equations about the present unknowns, in units of the residuals' sigma."""
+        local = self._in_cameras()
+        apart = self._imaged(local, self.params) - self.pixels
+        good: NDArray[np.bool_] = np.asarray(np.isfinite(apart).all(axis=1))
+        apart = np.where(good[:, None], apart, 0.0)
+        length = np.linalg.norm(apart, axis=1)
+        weights = np.where(good, 1.0 / (1.0 + (length / (_CAUCHY * sigma_px)) ** 2), 0.0)
+        by_place = np.nan_to_num(self._by_place(local))
+        by_point = by_place @ self.poses[self.seen_image, :3, :3]
+        turned = np.cross(np.eye(3)[None], local[:, None, :])
+        # Turning by w moves a place P by w × P = Σ wᵢ (eᵢ × P).
+        by_pose = np.concatenate([by_place @ turned.transpose(0, 2, 1), by_place], axis=2)
+        by_camera = self._camera_jacobian(by_pose, self._by_lens(local))
+        weight = weights / sigma_px**2
+        rows = np.repeat(weight, 2)
+        scaled = sparse.diags_array(rows) @ by_camera
+        pointwise = sparse.csr_array(
+            (
+                by_point.ravel(),
+                (3 * np.repeat(self.seen_point, 6).reshape(-1, 2, 3) + np.arange(3)).ravel(),
+                np.arange(0, by_point.size + 1, 3),
+            ),
+            shape=(2 * len(weights), 3 * len(self.points)),
+        )
+        hessian = np.zeros((len(self.points), 3, 3))
+        gradient = np.zeros((len(self.points), 3))
+        np.add.at(hessian, self.seen_point, np.einsum("m,mki,mkj->mij", weight, by_point, by_point))
+        np.add.at(gradient, self.seen_point, np.einsum("m,mki,mk->mi", weight, by_point, apart))
+        camera_hessian = (scaled.T @ by_camera).toarray()
+        camera_gradient = scaled.T @ apart.ravel()
+        self._add_beliefs(camera_hessian, camera_gradient)
+        return Linearised(
+            camera_hessian,
+            camera_gradient,
+            hessian,
+            gradient,
+            (scaled.T @ pointwise).tocsr(),
+            weights,
+        )
+
+    def moved(self, cameras: Matrices, points: Matrices) -> Bundle:
+        """The unknowns after a step of the normal equations."""
+        count = len(self.image_ids)
+        twists = cameras[: _POSE * count].reshape(count, _POSE)
+        poses = np.array([from_twist(t) @ pose for t, pose in zip(twists, self.poses, strict=True)])
+        params = tuple(
+            now + cameras[where]
+            for now, where in zip(self.params, self._lens_slices(), strict=True)
+        )
+        return replace(self, poses=poses, params=params, points=self.points + points)
+
+    def transformed(self, to: Similarity) -> Bundle:
+        """All in another frame and scale; no image changes."""
+        poses = np.array([to.camera_from_b(pose) for pose in self.poses])
+        return replace(self, poses=poses, points=to.apply(self.points))
+
+    def uncertainty(
+        self, covariance: Matrices
+    ) -> tuple[dict[int, NDArray[np.float64]], dict[int, float]]:
+        """Standard deviations per image id: of the centre (3,), and of the worst turn, degrees."""
+        centers, turns = {}, {}
+        for row, number in enumerate(self.image_ids):
+            block = covariance[_POSE * row : _POSE * (row + 1), _POSE * row : _POSE * (row + 1)]
+            # A shift by v in the camera moves its centre by −Rᵀv.
+            rotation = self.poses[row, :3, :3]
+            center = rotation.T @ block[3:, 3:] @ rotation
+            centers[number] = np.sqrt(np.maximum(np.diag(center), 0.0))
+            worst = float(np.linalg.eigvalsh(block[:3, :3])[-1])
+            turns[number] = float(np.degrees(np.sqrt(max(worst, 0.0))))
+        return centers, turns
+
+    def model(self) -> ColmapModel:
+        """The adjusted cameras and points; observations of points that took no part are loose."""
+        row_of_point = {int(number): row for row, number in enumerate(self.point_ids)}
+        cameras = {
+            number: replace(self.source.cameras[number], params=tuple(map(float, params)))
+            for number, params in zip(self.camera_ids, self.params, strict=True)
+        }
+        images: dict[int, ColmapImage] = {}
+        for row, number in enumerate(self.image_ids):
+            image = self.source.images[number]
+            kept = np.array([int(p) in row_of_point for p in image.point3d_ids], bool)
+            images[number] = replace(
+                image,
+                camera_from_world=self.poses[row],
+                point3d_ids=np.where(kept, image.point3d_ids, NO_POINT),
+            )
+        length = np.linalg.norm(np.nan_to_num(self.projected() - self.pixels), axis=1)
+        views = np.bincount(self.seen_point, minlength=len(self.points))
+        error = np.bincount(self.seen_point, length, len(self.points)) / np.maximum(views, 1)
+        points: dict[int, ColmapPoint] = {
+            number: replace(
+                self.source.points[number], xyz=self.points[row], error=float(error[row])
+            )
+            for number, row in row_of_point.items()
+        }
+        return ColmapModel(cameras, images, points)
+
+    def _in_cameras(self) -> Matrices:
+        rotation = self.poses[self.seen_image, :3, :3]
+        shift = self.poses[self.seen_image, :3, 3]
+        return np.asarray(np.einsum("mij,mj->mi", rotation, self.points[self.seen_point]) + shift)
+
+    def _imaged(self, local: Matrices, params: tuple[Matrices, ...]) -> Matrices:
+        """Pixels (m, 2) of places (m, 3) before their cameras; NaN of those behind."""
+        pixels = np.full((len(local), 2), np.nan)
+        before = local[:, 2] > 0.0
+        lens_of = self.camera_of_image[self.seen_image]
+        for row, values in enumerate(params):
+            mine = before & (lens_of == row)
+            if mine.any():
+                pixels[mine] = self._lens(row, values).img_from_cam(local[mine])
+        return pixels
+
+    def _lens(self, row: int, params: Matrices) -> Any:
+        import pycolmap
+
+        camera = self.source.cameras[self.camera_ids[row]]
+        return pycolmap.Camera(
+            model=camera.model, width=camera.width, height=camera.height, params=params.tolist()
+        )
+
+    def _by_place(self, local: Matrices) -> Matrices:
+        """(m, 2, 3) derivatives of pixels by places in the camera."""
+        found = np.empty((len(local), 2, 3))
+        for axis in range(3):
+            step = _STEP * np.maximum(np.abs(local[:, 2:]), 1e-12) * np.eye(3)[axis]
+            ahead, behind = (self._imaged(local + sign * step, self.params) for sign in (1, -1))
+            found[:, :, axis] = (ahead - behind) / (2.0 * step[:, axis : axis + 1])
+        return found
+
+    def _by_lens(self, local: Matrices) -> list[Matrices]:
+        """Per lens (m, 2, k) derivatives of pixels by its parameters; 0 for other lenses."""
+        found = []
+        for row, values in enumerate(self.params):
+            part = np.zeros((len(local), 2, len(values)))
+            for k, value in enumerate(values):
+                step = _STEP * max(1.0, abs(float(value)))
+                change = step * np.eye(len(values))[k]
+                ahead, behind = (
+                    self._imaged(local, self._with_lens(row, values + sign * change))
+                    for sign in (1, -1)
+                )
+                part[:, :, k] = np.nan_to_num((ahead - behind) / (2.0 * step))
+            found.append(part)
+        return found
+
+    def _with_lens(self, row: int, values: Matrices) -> tuple[Matrices, ...]:
+        return (*self.params[:row], values, *self.params[row + 1 :])
+
+    def _camera_jacobian(self, by_pose: Matrices, by_lens: list[Matrices]) -> Any:
+        """(2m, c) sparse."""
+        count, poses = len(by_pose), _POSE * len(self.image_ids)
+        size = sum(len(p) for p in self.params)
+        lens_of = self.camera_of_image[self.seen_image]
+        # Rows of one observation hold its pose and its own lens alone.
+        widths = np.array([_POSE + len(self.params[row]) for row in range(len(self.params))])
+        starts = np.concatenate([[0], np.cumsum(np.repeat(widths[lens_of], 2))])
+        flat = np.empty(starts[-1])
+        where = np.empty(starts[-1], np.int64)
+        slices = self._lens_slices()
+        for row, part in enumerate(by_lens):
+            mine = np.flatnonzero(lens_of == row)
+            block = np.concatenate([by_pose[mine], part[mine]], axis=2)
+            first = _POSE * self.seen_image[mine]
+            own = np.concatenate(
+                [
+                    first[:, None] + np.arange(_POSE),
+                    np.broadcast_to(
+                        np.arange(slices[row].start, slices[row].stop),
+                        (len(mine), len(self.params[row])),
+                    ),
+                ],
+                axis=1,
+            )
+            for k in (0, 1):
+                place = starts[2 * mine + k][:, None] + np.arange(block.shape[2])
+                flat[place] = block[:, k]
+                where[place] = own
+        return sparse.csr_array((flat, where, starts), shape=(2 * count, poses + size))
+
+    def _lens_slices(self) -> list[slice]:
+        first, found = _POSE * len(self.image_ids), []
+        for params in self.params:
+            found.append(slice(first, first + len(params)))
+            first += len(params)
+        return found
+
+    def _add_beliefs(self, hessian: Matrices, gradient: Matrices) -> None:
+        for now, belief, where in zip(self.params, self.beliefs, self._lens_slices(), strict=True):
+            hessian[where, where] += belief.rows.T @ belief.rows
+            gradient[where] += belief.rows.T @ belief.residuals(now)
