@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 
+from stages.develop import DEVELOP
 from stages.export import EXPORT
 from stages.fuse import FUSE
 from stages.infill import INFILL
 from stages.ingest import INGEST
 from stages.mask import MASK
+from stages.orient import ORIENT
 from stages.register import REGISTER
 from stages.verify import VERIFY
 from workbench.cli import run_cli
@@ -16,10 +18,12 @@ from workbench.pipeline.planner import Pipeline
 
 PIPELINE: Pipeline = (
     INGEST,  # what was brought, checked and in metres
+    DEVELOP,  # Jaspe 2018, 3.4.2: RAW photographs to linear, calibrated colour
     MASK,  # Jaspe 2018, 3.4.3: what is not the object is masked away, scans and photographs
     REGISTER,  # Jaspe 2018, 3.4.1: fine registration of the range maps
     FUSE,  # Jaspe 2018, 3.4.4: one consolidated set of samples
     INFILL,  # Jaspe 2018, 3.4.6: screened Poisson closes what no scan saw
+    ORIENT,  # Jaspe 2018, 3.4.2: where the photographs were taken from, against the surface
     EXPORT,
     VERIFY,
 )

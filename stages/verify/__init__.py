@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from stages.verify.development import development_chapter
 from stages.verify.masks import masks_chapter
+from stages.verify.orientation import orientation_chapter
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh, edge_census
 from workbench.geometry.transforms import Matrix4, apply, rigid
@@ -100,7 +102,12 @@ def run(job: Job[VerifyOptions]) -> StageResult:
             truth=truth,
             comparison=comparison,
             reference_name=name,
-            further_sections=(*masks, *photographs),
+            further_sections=(
+                *development_chapter(products),
+                *masks,
+                *orientation_chapter(products, surface),
+                *photographs,
+            ),
             citations=_CITATIONS,
             reproducibility=_REPRODUCIBILITY,
             picture_width_px=options.picture_width_px,
@@ -286,6 +293,12 @@ VERIFY = Stage[Any](
         "surface_ply",
         "reference_file",
         "photo_files",
+        "photo_inventory",
+        "color_calibration",
+        "developed_photos",
+        "photo_poses",
+        "oriented_cameras",
+        "oriented_images",
         "range_maps",
         "corrected_masks",
         "automatic_scan_masks",

@@ -1,0 +1,418 @@
+"""Find where the photographs were taken from, and bring them onto the scans' surface."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from shutil import copyfile
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from workbench.errors import InputError
+from workbench.metrics import Metric
+from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
+from workbench.project.mask_subjects import photos_by_name
+from workbench.project.project import Scene
+from workbench.project.settings import StageOptions
+
+if TYPE_CHECKING:
+    from workbench.formats.colmap import ColmapModel
+    from workbench.geometry.mesh import TriangleMesh
+    from workbench.orientation.alignment import Alignment
+    from workbench.orientation.structure_from_motion import OrientationSettings
+
+_SILHOUETTE_SIDE = 400
+
+
+class OrientOptions(StageOptions):
+    """Options of ``orient``."""
+
+    image_px: int = Field(
+        3200,
+        ge=200,
+        le=20_000,
+        description="Longer side at which features are looked for; larger photographs are reduced.",
+    )
+    features: int = Field(
+        6000, ge=200, le=100_000, description="Features kept of a photograph, the strongest."
+    )
+    mapper: Literal["incremental", "global"] = Field(
+        "incremental",
+        description="How cameras are found from pairs: one after the other, or all at once, which "
+        "is quicker for hundreds of photographs.",
+    )
+    seed: int = Field(0, ge=0, description="Of all draws; the same seed gives the same cameras.")
+    align: Literal["auto", "own"] = Field(
+        "auto",
+        description="Bring photographs onto the surface, or leave them in a frame of their own.",
+    )
+    refine: Literal["auto", "always", "never"] = Field(
+        "auto",
+        description="Adjust cameras to the surface; auto keeps ready-made orientations as they "
+        "come (Pintus and Gobbetti 2015).",
+    )
+    patch_rounds: int = Field(
+        2,
+        ge=0,
+        le=10,
+        description="How often patches are followed over the surface to adjust by; 0 keeps to "
+        "features (Furukawa and Ponce 2009).",
+    )
+    patches_per_photo: int = Field(
+        2000, ge=100, le=50_000, description="Patches looked for in each photograph."
+    )
+    memory_pixels: int = Field(
+        400_000_000,
+        ge=1_000_000,
+        description="Pixels of all photographs held at once for patches, some five bytes each; "
+        "larger photographs are reduced alike.",
+    )
+
+
+def needed(scene: Scene, options: OrientOptions) -> Need:
+    if not scene.photos:
+        return Need(False, "no photographs")
+    surface = scene.scans or scene.geometry
+    source = "as they were oriented elsewhere" if scene.cameras else "to be oriented"
+    onto = "" if surface and options.align == "auto" else ", in a frame of their own"
+    return Need(True, f"{scene.photos} photographs {source}{onto}")
+
+
+def estimate(scene: Scene, options: OrientOptions) -> Estimate:
+    return Estimate(5 * options.memory_pixels + 2**30, 2**26)
+
+
+def run(job: Job[OrientOptions]) -> StageResult:
+    from workbench.orientation.alignment import NotAligned, transformed
+
+    products = job.products
+    photos = _photos_of_the_object(job)
+    inventory = products.load_if_there("scan_inventory")
+    origin = np.array(inventory["origin_m"]) if inventory else np.zeros(3)
+    picks = _picks(job, photos, origin)
+    model, unplaced, metrics = _oriented(job, photos)
+    if job.scene.cameras:
+        from workbench.geometry.similarity import Similarity
+
+        model = transformed(model, Similarity(1.0, np.eye(3), -origin))
+    surface = _surface(job) if job.options.align == "auto" else None
+    warnings = [f"{name}: {reason}" for name, reason in unplaced.items()]
+    told: dict[str, Any] = {
+        "origin": origin.tolist(),
+        "frame": "own",
+        "way": None,
+        "unplaced": unplaced,
+    }
+    alignment = None
+    if surface is not None:
+        found = _aligned(job, model, surface, photos, picks)
+        if isinstance(found, NotAligned):
+            warnings.append(
+                f"the photographs stay in a frame of their own: {found.reason}; pick three to "
+                "five places on the scans and in photographs in alignment.toml"
+            )
+        else:
+            alignment, model = found, found.model
+            told |= {"frame": "world", "way": found.way}
+            warnings += _doubts(found)
+            metrics += _alignment_metrics(found)
+            agreement = _silhouettes(job, model, surface)
+            told["silhouette_iou"] = agreement
+            if agreement:
+                metrics.append(
+                    Metric("silhouette_iou", float(np.mean(list(agreement.values()))), "",
+                           "Agreement of masks with the surface as the cameras see it, mean.")
+                )  # fmt: skip
+    told["photos"] = _poses(model, alignment)
+    products.save("photo_poses", told)
+    _write_colmap(job, model)
+    return StageResult(tuple(metrics), tuple(warnings))
+
+
+def _photos_of_the_object(job: Job[OrientOptions]) -> dict[str, Path]:
+    """All photographs but those of charts."""
+    photos = photos_by_name(job.products.input_paths("photo_files"))
+    inventory = job.products.load_if_there("photo_inventory")
+    charts = {e["name"] for e in inventory["photos"] if e["is_chart"]} if inventory else set()
+    kept = {name: path for name, path in photos.items() if name not in charts}
+    for path in kept.values():
+        if path.name.split() != [path.name]:
+            raise InputError(
+                "COLMAP's files have no room for this name",
+                file=path,
+                expected="a name without spaces",
+                fix="rename the photograph",
+            )
+    return kept
+
+
+def _picks(
+    job: Job[OrientOptions], photos: Mapping[str, Path], origin: NDArray[np.float64]
+) -> tuple[Any, ...]:
+    from workbench.orientation.picks import read_picks
+
+    paths = job.products.input_paths("alignment_file")
+    if not paths:
+        return ()
+    return tuple(replace(p, world=p.world - origin) for p in read_picks(paths[0], photos))
+
+
+def _oriented(
+    job: Job[OrientOptions], photos: Mapping[str, Path]
+) -> tuple[ColmapModel, dict[str, str], list[Metric]]:
+    """Cameras by structure from motion, or as they were brought."""
+    from workbench.formats.photo_orientations import read_orientations
+    from workbench.orientation.photographs import PhotoToOrient
+    from workbench.orientation.structure_from_motion import oriented
+
+    products = job.products
+    files = list(photos.values())
+    if job.scene.cameras:
+        given = products.input_paths("camera_files")
+        source = given[0] if len(given) == 1 else given[0].parent
+        model = read_orientations(source, files)
+        there = {image.name for image in model.images.values()}
+        unplaced = {p.name: "not in the given orientation" for p in files if p.name not in there}
+        return model, unplaced, [_placed_metric(model, files)]
+    inventory = products.load_if_there("photo_inventory")
+    known = {e["name"]: e for e in inventory["photos"]} if inventory else {}
+    masked = set(products.items("photo_masks"))
+    asked = [
+        PhotoToOrient(
+            path.name,
+            path,
+            camera_key=" ".join(
+                str(known.get(name, {}).get(key)) for key in ("camera", "lens", "focal_length_mm")
+            ),
+            focal_px=_focal_px(known.get(name, {})),
+            mask=products.load("photo_masks", name) if name in masked else None,
+        )
+        for name, path in photos.items()
+    ]
+    with job.progress.step("orienting photographs"):
+        found = oriented(asked, _settings(job.options))
+    if not found:
+        raise InputError(
+            f"The photographs cannot be oriented: {found.reason}",
+            fix="photograph with more overlap, or bring an orientation with --cameras",
+        )
+    metrics = [
+        _placed_metric(found.model, files),
+        Metric("points", len(found.model.points), "", "Points that photographs share."),
+        Metric("reprojection", found.reprojection_px, "px", "RMS of observations to points."),
+        Metric("mean_track", found.mean_track, "", "Photographs that see a point, on average."),
+    ]
+    return found.model, found.unplaced, metrics
+
+
+def _settings(options: OrientOptions) -> OrientationSettings:
+    from workbench.orientation.features import FeatureSettings
+    from workbench.orientation.mapping import MappingSettings
+    from workbench.orientation.structure_from_motion import OrientationSettings
+
+    return OrientationSettings(
+        features=FeatureSettings(max_image_px=options.image_px, max_features=options.features),
+        mapping=MappingSettings(mapper=options.mapper),
+        seed=options.seed,
+    )
+
+
+def _focal_px(entry: Mapping[str, Any]) -> float | None:
+    from workbench.photos.exif import PhotoFacts
+
+    if not entry:
+        return None
+    facts = PhotoFacts(**{k: entry[k] for k in PhotoFacts.__dataclass_fields__ if k in entry})
+    return facts.focal_length_px(max(entry["size"]))
+
+
+def _placed_metric(model: ColmapModel, files: Sequence[Path]) -> Metric:
+    return Metric("placed", len(model.images), "", f"Photographs placed, of {len(files)}.")
+
+
+def _surface(job: Job[OrientOptions]) -> TriangleMesh | None:
+    """The scans' surface around the project origin, or the one that was brought."""
+    from workbench.formats.surface_files import read_surface
+
+    made = job.products.load_if_there("surface")
+    if made is not None:
+        return made  # type: ignore[no-any-return]
+    paths = job.products.input_paths("geometry_file")
+    return read_surface(paths[0]) if paths else None
+
+
+def _aligned(
+    job: Job[OrientOptions],
+    model: ColmapModel,
+    surface: TriangleMesh,
+    photos: Mapping[str, Path],
+    picks: tuple[Any, ...],
+) -> Any:
+    from workbench.orientation.alignment import AlignmentOptions, aligned
+    from workbench.orientation.surface_patches import PatchOptions
+    from workbench.surface.provenance import MEASURED
+
+    options = job.options
+    refine = options.refine == "always" or (options.refine == "auto" and not job.scene.cameras)
+    provenance = surface.vertex_attributes.get("provenance")
+    if provenance is not None:
+        # What was filled in is a guess: no camera is held by it.
+        measured = (provenance == MEASURED)[surface.triangles].all(axis=1)
+        surface = surface.keep_triangles(measured) if measured.any() else surface
+    rounds = options.patch_rounds if refine else 0
+    pictures, masks = _pictures(job, model, photos) if rounds else ({}, {})
+    with job.progress.step("bringing photographs onto the surface"):
+        return aligned(
+            model,
+            surface,
+            pictures,
+            masks,
+            picks,
+            AlignmentOptions(refine, rounds, PatchOptions(per_photo=options.patches_per_photo)),
+            job.progress.line,
+        )
+
+
+def _pictures(
+    job: Job[OrientOptions], model: ColmapModel, photos: Mapping[str, Path]
+) -> tuple[dict[int, NDArray[np.uint8]], dict[int, NDArray[np.uint8]]]:
+    """Grey pictures and masks by image id, reduced alike where they are too many to hold."""
+    import cv2
+
+    from workbench.formats.photo_reading import read_photo
+
+    total = sum(
+        model.cameras[image.camera_id].width * model.cameras[image.camera_id].height
+        for image in model.images.values()
+    )
+    share = min(1.0, (job.options.memory_pixels / max(total, 1)) ** 0.5)
+    masked = set(job.products.items("photo_masks"))
+    pictures, masks = {}, {}
+    for number, image in sorted(model.images.items()):
+        name = Path(image.name).stem
+        grey = cv2.cvtColor(read_photo(photos[name]), cv2.COLOR_RGB2GRAY)
+        size = tuple(max(1, round(share * side)) for side in grey.shape[::-1])
+        pictures[number] = np.asarray(
+            cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8
+        )
+        if name in masked:
+            mask = job.products.load("photo_masks", name)
+            masks[number] = np.asarray(
+                cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8
+            )
+    return pictures, masks
+
+
+def _alignment_metrics(found: Alignment) -> list[Metric]:
+    adjusted = found.adjustment
+    if adjusted is None:
+        return []
+    centers = [float(np.linalg.norm(sigma)) for sigma in adjusted.center_sigma.values()]
+    turns = list(adjusted.rotation_sigma_deg.values())
+    return [
+        Metric("adjusted_reprojection", adjusted.reprojection_sigma_px, "px",
+               "Robust sigma of a coordinate after the adjustment to the surface."),
+        Metric("surface_sigma", adjusted.surface_sigma, "m",
+               "How far points lie from the surface beyond what triangulation explains."),
+        Metric("tied_points", adjusted.tied, "",
+               f"Points the surface holds, of {adjusted.points}."),
+        Metric("center_sigma", float(np.median(centers)), "m",
+               "Standard deviation of a camera's place, median; noise alone."),
+        Metric("rotation_sigma", float(np.median(turns)), "deg",
+               "Standard deviation of a camera's orientation, median; noise alone."),
+    ]  # fmt: skip
+
+
+def _doubts(found: Alignment) -> list[str]:
+    """What the user should know before the cameras are relied on."""
+    from workbench.orientation.alignment import NOT_ASKED_FOR
+
+    adjusted = found.adjustment
+    if adjusted is not None and not adjusted.converged:
+        return [f"the adjustment to the surface did not settle in {adjusted.rounds} rounds"]
+    if found.why_not_refined and found.why_not_refined != NOT_ASKED_FOR:
+        return [f"cameras were not adjusted to the surface: {found.why_not_refined}"]
+    return []
+
+
+def _silhouettes(
+    job: Job[OrientOptions], model: ColmapModel, surface: TriangleMesh
+) -> dict[str, float]:
+    """Agreement (intersection over union) of each mask with the surface as its camera sees it."""
+    import cv2
+
+    from workbench.geometry.surface_rays import SurfaceRays
+
+    rays, found = SurfaceRays(surface), {}
+    cameras = model.photo_cameras()
+    for name in job.products.items("photo_masks"):
+        if name not in cameras:
+            continue
+        camera = cameras[name]
+        step_px = max(1, max(camera.width, camera.height) // _SILHOUETTE_SIDE)
+        seen = rays.silhouette(camera, step_px)
+        mask = cv2.resize(
+            job.products.load("photo_masks", name), seen.shape[::-1], interpolation=cv2.INTER_AREA
+        )
+        kept = mask > 127
+        found[name] = float((kept & seen).sum() / max(1, (kept | seen).sum()))
+    return found
+
+
+def _poses(model: ColmapModel, alignment: Alignment | None) -> dict[str, Any]:
+    adjusted = alignment.adjustment if alignment else None
+    told = {}
+    for number, image in sorted(model.images.items()):
+        camera = model.cameras[image.camera_id]
+        entry: dict[str, Any] = {
+            "file": image.name,
+            "camera_from_world": image.camera_from_world.tolist(),
+            "model": camera.model,
+            "size": [camera.width, camera.height],
+            "params": list(camera.params),
+            "points": int((image.point3d_ids >= 0).sum()),
+        }
+        if adjusted is not None:
+            entry["center_sigma_m"] = adjusted.center_sigma[number].tolist()
+            entry["rotation_sigma_deg"] = adjusted.rotation_sigma_deg[number]
+        told[Path(image.name).stem] = entry
+    return told
+
+
+def _write_colmap(job: Job[OrientOptions], model: ColmapModel) -> None:
+    from workbench.formats.colmap import write_colmap_text
+
+    with tempfile.TemporaryDirectory() as folder:
+        write_colmap_text(Path(folder), model)
+        for name, file in (
+            ("oriented_cameras", "cameras.txt"),
+            ("oriented_images", "images.txt"),
+            ("oriented_points", "points3D.txt"),
+        ):
+            with job.products.writing(name) as path:
+                copyfile(Path(folder) / file, path)
+
+
+ORIENT = Stage(
+    name="orient",
+    version=1,
+    summary="Finds where photographs were taken from, and adjusts them to the surface.",
+    options=OrientOptions,
+    reads=(
+        *("photo_files", "camera_files", "alignment_file", "geometry_file", "photo_inventory"),
+        *("photo_masks", "scan_inventory", "surface"),
+    ),
+    writes=("photo_poses", "oriented_cameras", "oriented_images", "oriented_points"),
+    needed=needed,
+    run=run,
+    libraries=(
+        *("numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless"),
+        "rawpy",
+    ),
+    estimate=estimate,
+)
