@@ -6,11 +6,11 @@ from scipy.optimize import minimize
 
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.surface_sampling import sample_surface
 from workbench.verification.distances import (
     DistanceSummary,
     closest_barycentric,
     distance_to_surface,
-    sample_surface,
     signed_distances_m,
     vertex_areas,
 )

@@ -6,7 +6,7 @@ down; the centre of the upper left pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
@@ -193,15 +193,7 @@ def read_colmap_text(folder: Path) -> ColmapModel:
         image.image_id: image
         for image in _unique(folder / IMAGES, _image, lambda image: image.image_id, lines_each=2)
     }
-    for image in images.values():
-        if image.camera_id not in cameras:
-            raise InputError(
-                "An image refers to a camera that is not there.",
-                file=folder / IMAGES,
-                where=f"image {image.image_id} ({image.name})",
-                expected="one of " + ", ".join(map(str, cameras)),
-                found=str(image.camera_id),
-            )
+    check_cameras_are_there(images, cameras, folder / IMAGES)
     points: dict[int, ColmapPoint] = {}
     if (folder / POINTS).exists():
         points = {
@@ -209,6 +201,21 @@ def read_colmap_text(folder: Path) -> ColmapModel:
             for point in _unique(folder / POINTS, _point, lambda point: point.point3d_id)
         }
     return ColmapModel(cameras, images, points)
+
+
+def check_cameras_are_there(
+    images: Mapping[int, ColmapImage], cameras: Mapping[int, ColmapCamera], file: Path
+) -> None:
+    """Refuse images, read from ``file``, whose camera is not among ``cameras``."""
+    for image in images.values():
+        if image.camera_id not in cameras:
+            raise InputError(
+                "An image refers to a camera that is not there.",
+                file=file,
+                where=f"image {image.image_id} ({image.name})",
+                expected="one of " + ", ".join(map(str, cameras)),
+                found=str(image.camera_id),
+            )
 
 
 def _digits(value: float) -> str:

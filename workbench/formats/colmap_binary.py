@@ -24,6 +24,7 @@ from workbench.formats.colmap import (
     ColmapImage,
     ColmapModel,
     ColmapPoint,
+    check_cameras_are_there,
 )
 from workbench.formats.whole_file import whole_file
 from workbench.geometry import transforms
@@ -65,15 +66,7 @@ def read_colmap_binary(folder: Path) -> ColmapModel:
     folder = Path(folder)
     cameras = dict(_items(folder / CAMERAS, _camera))
     images = dict(_items(folder / IMAGES, _image))
-    for image in images.values():
-        if image.camera_id not in cameras:
-            raise InputError(
-                "An image refers to a camera that is not there.",
-                file=folder / IMAGES,
-                where=f"image {image.image_id} ({image.name})",
-                expected="one of " + ", ".join(map(str, cameras)),
-                found=str(image.camera_id),
-            )
+    check_cameras_are_there(images, cameras, folder / IMAGES)
     points = dict(_items(folder / POINTS, _point)) if (folder / POINTS).exists() else {}
     return ColmapModel(cameras, images, points)
 

@@ -18,8 +18,9 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
 from workbench.geometry.similarity import Similarity, best_similarity
+from workbench.geometry.surface_sampling import sample_surface
 from workbench.orientation.sparse_points import SparsePoints
 
 _ROTATIONS = 4000
@@ -103,7 +104,8 @@ class _Search:
     def __init__(self, points: SparsePoints, surface: TriangleMesh) -> None:
         kept = points.chosen(_thinned(points.points, _POINTS))
         self.points, self.outward = kept.points, kept.outward
-        self.surface, self.normals = _sampled(surface, _SURFACE_POINTS)
+        self.surface, triangles, _ = sample_surface(surface, _SURFACE_POINTS, seed=0)
+        self.normals = face_normals_and_areas(surface)[0][triangles]
         self.middle = np.median(self.surface, axis=0)
         self.size = 2.0 * float(np.sqrt(((self.surface - self.middle) ** 2).sum(1).mean()))
         self.tree, self.model_tree = cKDTree(self.surface), cKDTree(self.points)
@@ -214,15 +216,3 @@ def _thinned(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
         cell /= 1.2
     inside = ((points[order] >= low - (high - low)) & (points[order] <= high + (high - low))).all(1)
     return np.asarray(order[inside])
-
-
-def _sampled(surface: TriangleMesh, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (count, 3) spread by area, and unit normals (count, 3); always the same ones."""
-    corners = surface.vertices[surface.triangles]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(cross, axis=1)
-    upto = np.cumsum(area)
-    chosen = np.searchsorted(upto, (np.arange(count) + 0.5) / count * upto[-1])
-    weights = np.random.default_rng(0).dirichlet(np.ones(3), count)
-    points = np.einsum("nc,ncd->nd", weights, corners[chosen])
-    return points, cross[chosen] / np.maximum(area[chosen], 1e-300)[:, None]

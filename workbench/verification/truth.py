@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.neighbours import nearest
+from workbench.geometry.surface_sampling import sample_surface
 from workbench.metrics import Metric
 from workbench.render.palette import MEASURED
 from workbench.verification.distances import (
     DistanceSummary,
     distance_to_surface,
     nearest_corners,
-    sample_surface,
     signed_distances_m,
 )
 from workbench.verification.quantities import round_up_125

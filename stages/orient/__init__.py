@@ -13,6 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from stages.orient.telling import (
+    alignment_metrics,
+    doubts,
+    silhouette_agreement,
+    told_poses,
+)
 from workbench.errors import InputError
 from workbench.metrics import Metric
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
@@ -23,10 +29,7 @@ from workbench.project.settings import StageOptions
 if TYPE_CHECKING:
     from workbench.formats.colmap import ColmapModel
     from workbench.geometry.mesh import TriangleMesh
-    from workbench.orientation.alignment import Alignment
     from workbench.orientation.structure_from_motion import OrientationSettings
-
-_SILHOUETTE_SIDE = 400
 
 
 class OrientOptions(StageOptions):
@@ -119,16 +122,16 @@ def run(job: Job[OrientOptions]) -> StageResult:
         else:
             alignment, model = found, found.model
             told |= {"frame": "world", "way": found.way}
-            warnings += _doubts(found)
-            metrics += _alignment_metrics(found)
-            agreement = _silhouettes(job, model, surface)
+            warnings += doubts(found)
+            metrics += alignment_metrics(found)
+            agreement = silhouette_agreement(products, model, surface)
             told["silhouette_iou"] = agreement
             if agreement:
                 metrics.append(
                     Metric("silhouette_iou", float(np.mean(list(agreement.values()))), "",
                            "Agreement of masks with the surface as the cameras see it, mean.")
                 )  # fmt: skip
-    told["photos"] = _poses(model, alignment)
+    told["photos"] = told_poses(model, alignment)
     products.save("photo_poses", told)
     _write_colmap(job, model)
     return StageResult(tuple(metrics), tuple(warnings))
@@ -306,82 +309,6 @@ def _pictures(
                 cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8
             )
     return pictures, masks
-
-
-def _alignment_metrics(found: Alignment) -> list[Metric]:
-    adjusted = found.adjustment
-    if adjusted is None:
-        return []
-    centers = [float(np.linalg.norm(sigma)) for sigma in adjusted.center_sigma.values()]
-    turns = list(adjusted.rotation_sigma_deg.values())
-    return [
-        Metric("adjusted_reprojection", adjusted.reprojection_sigma_px, "px",
-               "Robust sigma of a coordinate after the adjustment to the surface."),
-        Metric("surface_sigma", adjusted.surface_sigma, "m",
-               "How far points lie from the surface beyond what triangulation explains."),
-        Metric("tied_points", adjusted.tied, "",
-               f"Points the surface holds, of {adjusted.points}."),
-        Metric("center_sigma", float(np.median(centers)), "m",
-               "Standard deviation of a camera's place, median; noise alone."),
-        Metric("rotation_sigma", float(np.median(turns)), "deg",
-               "Standard deviation of a camera's orientation, median; noise alone."),
-    ]  # fmt: skip
-
-
-def _doubts(found: Alignment) -> list[str]:
-    """What the user should know before the cameras are relied on."""
-    from workbench.orientation.alignment import NOT_ASKED_FOR
-
-    adjusted = found.adjustment
-    if adjusted is not None and not adjusted.converged:
-        return [f"the adjustment to the surface did not settle in {adjusted.rounds} rounds"]
-    if found.why_not_refined and found.why_not_refined != NOT_ASKED_FOR:
-        return [f"cameras were not adjusted to the surface: {found.why_not_refined}"]
-    return []
-
-
-def _silhouettes(
-    job: Job[OrientOptions], model: ColmapModel, surface: TriangleMesh
-) -> dict[str, float]:
-    """Agreement (intersection over union) of each mask with the surface as its camera sees it."""
-    import cv2
-
-    from workbench.geometry.surface_rays import SurfaceRays
-
-    rays, found = SurfaceRays(surface), {}
-    cameras = model.photo_cameras()
-    for name in job.products.items("photo_masks"):
-        if name not in cameras:
-            continue
-        camera = cameras[name]
-        step_px = max(1, max(camera.width, camera.height) // _SILHOUETTE_SIDE)
-        seen = rays.silhouette(camera, step_px)
-        mask = cv2.resize(
-            job.products.load("photo_masks", name), seen.shape[::-1], interpolation=cv2.INTER_AREA
-        )
-        kept = mask > 127
-        found[name] = float((kept & seen).sum() / max(1, (kept | seen).sum()))
-    return found
-
-
-def _poses(model: ColmapModel, alignment: Alignment | None) -> dict[str, Any]:
-    adjusted = alignment.adjustment if alignment else None
-    told = {}
-    for number, image in sorted(model.images.items()):
-        camera = model.cameras[image.camera_id]
-        entry: dict[str, Any] = {
-            "file": image.name,
-            "camera_from_world": image.camera_from_world.tolist(),
-            "model": camera.model,
-            "size": [camera.width, camera.height],
-            "params": list(camera.params),
-            "points": int((image.point3d_ids >= 0).sum()),
-        }
-        if adjusted is not None:
-            entry["center_sigma_m"] = adjusted.center_sigma[number].tolist()
-            entry["rotation_sigma_deg"] = adjusted.rotation_sigma_deg[number]
-        told[Path(image.name).stem] = entry
-    return told
 
 
 def _write_colmap(job: Job[OrientOptions], model: ColmapModel) -> None:
