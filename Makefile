@@ -10,7 +10,7 @@ SYSTEM_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6
 
 demo: setup
 	rm -rf $(DEMO)
-	$(BIN)/workbench simulate $(DEMO) --scene statue --seed 7 --size small --photos 12
+	$(BIN)/workbench simulate $(DEMO) --scene statue --seed 7 --size small --photos 24
 	# Masks that a user would draw by hand: of one scan and one photograph.
 	mkdir -p $(DEMO)/masks/training
 	cp $(DEMO)/truth/masks/scan_00.png $(DEMO)/truth/photos/object/photo_000.png $(DEMO)/masks/training
