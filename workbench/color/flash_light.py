@@ -94,7 +94,7 @@ class FlashLight:
         away from the flash counts as one at grazing incidence.
         """
         way = self.position_in_camera - np.asarray(places_in_camera, np.float64)
-        distance = np.linalg.norm(way, axis=1)
+        distance = np.sqrt(_dot(way, way))
         to_flash = way / np.where(distance > 0.0, distance, 1.0)[:, None]
         light = (self.reference_distance / self._not_too_near(distance)) ** 2
         if self.falloff:
@@ -111,10 +111,8 @@ class FlashLight:
         At the flash itself, which lies in no direction, it is 0.
         """
         way = self.position_in_camera - np.asarray(places_in_camera, np.float64)
-        return np.asarray(
-            (way * normals_in_camera).sum(axis=1)
-            / np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
-        )
+        length = np.maximum(np.sqrt(_dot(way, way)), np.finfo(float).tiny)
+        return np.asarray(_dot(way, normals_in_camera) / length)
 
     def _not_too_near(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.maximum(distance, _NEAREST * self.reference_distance)
@@ -126,7 +124,7 @@ class FlashLight:
         normals: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """n·l (n,), times what Oren and Nayar's surface reflects relative to Lambert's."""
-        cos_l = np.maximum((to_flash * normals).sum(axis=1), 0.0)
+        cos_l = np.maximum(_dot(to_flash, normals), 0.0)
         if self.roughness_rad == 0.0:
             return np.asarray(cos_l)
         a, b = oren_nayar_factors(self.roughness_rad)
@@ -147,11 +145,11 @@ def oren_nayar_lobe(
     max(0, cos Δφ) sin α tan β cos θ, written without the angles: no azimuth is needed, which
     has no value at normal incidence, and no tangent, which has none at grazing incidence.
     """
-    away = np.linalg.norm(places, axis=1)
+    away = np.sqrt(_dot(places, places))
     to_camera = -places / np.where(away > 0.0, away, 1.0)[:, None]
-    cos_l = np.maximum((to_flash * normals).sum(axis=1), 0.0)
-    cos_v = np.maximum((to_camera * normals).sum(axis=1), 0.0)
-    product = np.maximum((to_flash * to_camera).sum(axis=1) - cos_l * cos_v, 0.0)
+    cos_l = np.maximum(_dot(to_flash, normals), 0.0)
+    cos_v = np.maximum(_dot(to_camera, normals), 0.0)
+    product = np.maximum(_dot(to_flash, to_camera) - cos_l * cos_v, 0.0)
     wider = np.maximum(np.maximum(cos_l, cos_v), np.finfo(float).tiny)
     return np.asarray(product * (cos_l / wider))
 
@@ -168,7 +166,7 @@ def falloff_degree(coefficients: int) -> int:
 
 
 def falloff_terms(directions: NDArray[np.float64], coefficients: int) -> NDArray[np.float64]:
-    """Terms (n, coefficients) of the falloff's polynomial: u, v, u², uv, v², u³ …
+    """Terms (n, coefficients) of the falloff's polynomial: u, v, u², uv, v², u³ and so on.
 
     Parameters
     ----------
@@ -275,6 +273,11 @@ def trust(
     """Weight (n,) of samples in [0, 1]: `incidence_trust` times `value_trust`."""
     cosine = light.incidence(places_in_camera, normals_in_camera)
     return np.asarray(incidence_trust(cosine) * value_trust(values, black, full))
+
+
+def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    # Several times as fast as a sum over three columns.
+    return np.einsum("ij,ij->i", one, other)
 
 
 def _step(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
