@@ -1,8 +1,8 @@
 """A hierarchy of ever smaller graphs for a graph's diffusion, and its multigrid cycle.
 
 Each graph has about a quarter of the nodes of the one before: nodes are lumped with those they
-are joined to most strongly, first in pairs and then pairs of pairs, so that coarse corrections
-follow creases and never jump them. A correction is one number per group; the graph of the groups
+are joined to most strongly, in pairs and then pairs of pairs, so that coarse corrections follow
+creases and never jump them. A correction is one number per group; the graph of the groups
 has the sums of the conductances between them (Galerkin's operator), hence is a graph again.
 
 Corrections that are constant within groups converge ever slower in plain V-cycles as graphs
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from workbench.kernels.diffusion_aggregation import (
     LEFT_OUT,
     diagonal_of,
+    merged,
     pairs,
-    pairs_of_pairs,
     smaller_graph,
 )
 from workbench.kernels.diffusion_relaxation import (
@@ -45,6 +45,8 @@ Values = NDArray[np.float64]
 # Napov and Notay's: the two-grid condition number stays below it, whatever the conductances.
 _QUALITY = 8.0
 _DIRECT = 400
+# Where the bound forbids many mergings, groups are merged again, until a quarter is near.
+_MERGINGS, _QUARTER = 3, 0.3
 _STALLED = 0.9
 # A second step where the first left more than this of the residual: Notay and Vassilevski's.
 _ENOUGH = 0.25
@@ -78,7 +80,7 @@ class Graph:
 
     def diagonal(self) -> NDArray[np.float64]:
         """(n,) sum of the conductances at each node."""
-        return diagonal_of(self.starts, self.conductances, self.excess)
+        return np.asarray(diagonal_of(self.starts, self.conductances, self.excess))
 
 
 class _Level:
@@ -192,15 +194,21 @@ class Hierarchy:
 
 def quotient(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Of a and b, 0 where b is not positive: a right-hand side that is solved takes no step."""
-    return np.divide(a, b, out=np.zeros_like(a), where=b > 0.0)
+    result = np.zeros_like(a)
+    np.divide(a, b, out=result, where=b > 0.0)
+    return result
 
 
 def _grouped(graph: Graph, diagonal: NDArray[np.float64]) -> tuple[NDArray[np.int32], int, Graph]:
     """Group of each node, their number, and their graph."""
     rows = (graph.starts, graph.neighbours, graph.conductances, graph.excess)
-    two, count = pairs(*rows, diagonal, _QUALITY)
-    pair_starts, pair_neighbours, pair_conductances, _ = smaller_graph(*rows, two, count)
-    four, count = pairs_of_pairs(
-        *rows, diagonal, two, count, pair_starts, pair_neighbours, pair_conductances, _QUALITY
-    )
-    return four, count, Graph(*smaller_graph(*rows, four, count))
+    group, count = pairs(*rows, diagonal, _QUALITY)
+    lumped = int((group >= 0).sum())
+    for _ in range(_MERGINGS):
+        if count <= _QUARTER * lumped:
+            break
+        starts, neighbours, conductances, _ = smaller_graph(*rows, group, count)
+        group, count = merged(
+            *rows, diagonal, group, count, starts, neighbours, conductances, _QUALITY
+        )
+    return group, count, Graph(*smaller_graph(*rows, group, count))

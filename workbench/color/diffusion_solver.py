@@ -23,12 +23,15 @@ class Solution:
     Attributes
     ----------
     values : (n, 4) float64.
+    rest : (n, 4) what the values leave of the right-hand sides, as carried along: without the
+        rounding of the values themselves, which a residual made anew would magnify.
     converged : whether the asked tolerance was met.
     residuals : (cycles + 1, 4) norm of the residual over that of the right-hand side.
     corrections : (cycles, 4) the largest change that each cycle proposed.
     """
 
     values: Values
+    rest: Values
     converged: bool
     residuals: NDArray[np.float64]
     corrections: NDArray[np.float64]
@@ -54,7 +57,8 @@ def solved(
     values = np.zeros_like(right)
     rest = right.copy()
     norm = np.sqrt(products(right, right))
-    residuals, corrections = [np.where(norm > 0.0, 1.0, 0.0)], []
+    residuals = [np.where(norm > 0.0, 1.0, 0.0)]
+    corrections: list[NDArray[np.float64]] = []
     direction, image = np.zeros_like(right), np.zeros_like(right)
     energy = np.zeros(right.shape[1])
     converged = False
@@ -69,4 +73,6 @@ def solved(
         added(rest, -step, image)
         residuals.append(quotient(np.sqrt(products(rest, rest)), norm))
         converged = bool((residuals[-1] <= tolerance).all() and (corrections[-1] <= largest).all())
-    return Solution(values, converged, np.array(residuals), np.array(corrections))
+    return Solution(
+        values, rest, converged, np.array(residuals), np.array(corrections).reshape(-1, 4)
+    )

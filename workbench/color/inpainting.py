@@ -33,6 +33,7 @@ PHOTOGRAPHED, INPAINTED, UNPAINTED = 0, 1, 2
 
 # Below, products of conductances would leave the range of numbers.
 _LEAST = 1e-60
+_GIVEN = "colour of a sample with weight"
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,14 @@ class Inpainting:
     def factors(self) -> NDArray[np.float64]:
         """(cycles,) by how much each cycle reduced the residual of all channels together."""
         norm = np.sqrt((self.residuals**2).sum(axis=1))
-        return np.divide(norm[1:], norm[:-1], out=np.zeros(self.cycles), where=norm[:-1] > 0)
+        ratio = np.zeros(self.cycles)
+        np.divide(norm[1:], norm[:-1], out=ratio, where=norm[:-1] > 0.0)
+        return ratio
 
     @property
     def factor(self) -> float:
         """Geometric mean of `factors`; 0 without cycles or where the last leaves nothing."""
-        return float(np.prod(self.factors) ** (1.0 / self.cycles)) if self.cycles else 0.0
+        return float(np.prod(self.factors ** (1.0 / max(self.cycles, 1)))) if self.cycles else 0.0
 
 
 def inpainted(
@@ -148,7 +151,7 @@ def inpainted(
     solution = solved(
         system.graph, hierarchy, system.right, settings.tolerance, allowed, settings.max_cycles
     )
-    condition, error_bound = system.condition_and_error(solution.values)
+    condition, error_bound = system.condition_and_error(solution.values, solution.rest)
     colors[hole.samples] = system.colors_of(solution.values)
     return Inpainting(
         colors=colors,
@@ -219,7 +222,8 @@ class _Hole:
         kept = reached[island]
         self.samples = np.flatnonzero(open_)[kept]
         self.island = (np.cumsum(reached) - 1)[island[kept]]
-        new = (np.cumsum(kept) - 1)[number]
+        new = np.zeros(len(open_), np.int64)
+        new[self.samples] = np.arange(len(self.samples))
         inside = inner.copy()
         inside[inner] = kept[number[start[inner]]]
         self.edges = np.stack([new[start[inside]], new[end[inside]]], axis=1).astype(np.int32)
@@ -256,15 +260,18 @@ class _System:
         span = (self._highest - self._lowest).max(axis=0)
         self._unit = np.where(span > 0.0, span, 1.0)
         relative = (given - self._mean[rim_island]) / self._unit
-        excess = np.bincount(hole.rim, held, count)
-        self.graph = Graph(*rows_of_edges(hole.edges, hole.conductances, count), excess)
+        excess = np.asarray(np.bincount(hole.rim, held, count), np.float64)
+        starts, neighbours, conductances = rows_of_edges(hole.edges, hole.conductances, count)
+        self.graph = Graph(starts, neighbours, conductances, excess)
         self._diagonal = self.graph.diagonal()
         self.right = np.stack(
             [*(np.bincount(hole.rim, held * relative[:, c], count) for c in range(3)),
              self._diagonal], axis=1,
         )  # fmt: skip
 
-    def condition_and_error(self, values: NDArray[np.float64]) -> tuple[float, float]:
+    def condition_and_error(
+        self, values: NDArray[np.float64], rest: NDArray[np.float64]
+    ) -> tuple[float, float]:
         """Condition and the largest error a colour can have.
 
         The fourth right-hand side is the diagonal D. The matrix A has an inverse without
@@ -272,16 +279,17 @@ class _System:
         can grow, and its maximum the norm of (D⁻¹ A)⁻¹. What that solution itself lacks is
         accounted for.
         """
-        rest = np.abs(self.right - self.graph.applied(values)) / self._diagonal[:, None]
-        lacking = float(rest[:, 3].max())
-        growth = values[:, 3].max() / (1.0 - lacking) if lacking < 1.0 else np.inf
+        shares = (np.abs(rest) / self._diagonal[:, None]).max(axis=0)
+        lacking = float(shares[3])
+        growth = float(values[:, 3].max()) / (1.0 - lacking) if lacking < 1.0 else np.inf
         norm = float((2.0 - self.graph.excess / self._diagonal).max())
-        return float(norm * growth), float((rest[:, :3].max(axis=0) * self._unit).max() * growth)
+        return norm * growth, float((shares[:3] * self._unit).max() * growth)
 
     def colors_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Colours (u, 3), brought into the range of each rim, which the exact ones keep to."""
         found = values[:, :3] * self._unit + self._mean[self._island]
-        return np.clip(found, self._lowest[self._island], self._highest[self._island])
+        found = np.minimum(found, self._highest[self._island])
+        return np.asarray(np.maximum(found, self._lowest[self._island]))
 
 
 def _trust(
@@ -293,7 +301,9 @@ def _trust(
     sizes = np.diff(np.append(begins, len(island)))
     median = weights[order][begins + sizes // 2]
     full = trusted * median[island]
-    return np.divide(weights, full, out=np.ones_like(weights), where=weights < full)
+    trust = np.ones_like(weights)
+    np.divide(weights, full, out=trust, where=weights < full)
+    return trust
 
 
 def _check(colors: NDArray[np.float64], weights: NDArray[np.float64], graph: SampleGraph) -> None:
@@ -317,14 +327,13 @@ def _check(colors: NDArray[np.float64], weights: NDArray[np.float64], graph: Sam
     wrong = (
         ("weight", ~(np.isfinite(weights) & (weights >= 0.0))),
         ("conductance", ~(np.isfinite(graph.conductances) & (graph.conductances >= 0.0))),
-        ("colour of a sample with weight", (weights > 0.0) & ~np.isfinite(colors).all(axis=1)),
+        (_GIVEN, (weights > 0.0) & ~np.isfinite(colors).all(axis=1)),
     )
     for name, bad in wrong:
         if bad.any():
             raise InputError(
-                f"{int(bad.sum())} × {name}: not a finite number from 0 on"
-                if name != "colour of a sample with weight"
-                else f"{int(bad.sum())} × {name}: not a finite number",
+                f"{int(bad.sum())} × {name}: no number that can be used",
                 where=f"number {int(np.argmax(bad))}",
+                expected="a finite number" if name == _GIVEN else "a finite number from 0 on",
                 fix="give samples whose colour is not known the weight 0",
             )

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 LEFT_OUT = -1
-_MEMBERS = 4
+_MOST_MEMBERS = 8
 
 
 @njit(cache=True, nogil=True)
@@ -221,7 +221,7 @@ def _holds(
     for a in range(size):
         pivot = work[a, a]
         if a == size - 1:
-            return pivot >= -1e-10 * diagonal[a]
+            return bool(pivot >= -1e-10 * diagonal[a])
         if pivot <= 0.0:
             return False
         for b in range(a + 1, size):
@@ -232,7 +232,7 @@ def _holds(
 
 
 @njit(cache=True, nogil=True)
-def pairs_of_pairs(
+def merged(
     starts: NDArray[np.int64],
     neighbours: NDArray[np.int32],
     conductances: NDArray[np.float64],
@@ -240,53 +240,56 @@ def pairs_of_pairs(
     diagonal: NDArray[np.float64],
     group: NDArray[np.int32],
     count: int,
-    pair_starts: NDArray[np.int64],
-    pair_neighbours: NDArray[np.int32],
-    pair_conductances: NDArray[np.float64],
+    group_starts: NDArray[np.int64],
+    group_neighbours: NDArray[np.int32],
+    group_conductances: NDArray[np.float64],
     quality: float,
 ) -> tuple[NDArray[np.int32], int]:
-    """Groups of up to four: pairs that are joined most strongly, where the bound allows it.
+    """Groups merged with the one they are joined to most strongly, where the bound allows it.
 
-    The bound is checked on the four nodes themselves, so that it holds for the whole step.
+    The bound is checked on the nodes themselves, so that it holds for the whole step.
 
     Parameters
     ----------
     starts to diagonal : the graph of the nodes.
-    group, count : the pairs.
-    pair_starts to pair_conductances : the graph of the pairs.
+    group, count : the groups; none grows beyond eight nodes.
+    group_starts to group_conductances : the graph of the groups.
+    quality : as for `pairs`.
 
     Returns
     -------
     Group (n,) of every node and the number of groups.
     """
     first, members = members_of(group, count)
-    merged = np.full(count, -1, np.int32)
-    inside = np.zeros((_MEMBERS, _MEMBERS))
-    work = np.zeros((_MEMBERS, _MEMBERS))
-    own_excess, own_diagonal = np.zeros(_MEMBERS), np.zeros(_MEMBERS)
-    node = np.zeros(_MEMBERS, np.int32)
+    into = np.full(count, -1, np.int32)
+    inside = np.zeros((_MOST_MEMBERS, _MOST_MEMBERS))
+    work = np.zeros((_MOST_MEMBERS, _MOST_MEMBERS))
+    own_excess, own_diagonal = np.zeros(_MOST_MEMBERS), np.zeros(_MOST_MEMBERS)
+    node = np.zeros(_MOST_MEMBERS, np.int32)
     groups = 0
     for p in range(count):
-        if merged[p] >= 0:
+        if into[p] >= 0:
             continue
-        merged[p] = groups
+        into[p] = groups
         tried = np.inf
         last = -1
         while True:
             # The next strongest, the lower one first among equals.
             best, most = -1, 0.0
-            for k in range(pair_starts[p], pair_starts[p + 1]):
-                q, g = pair_neighbours[k], pair_conductances[k]
+            for k in range(group_starts[p], group_starts[p + 1]):
+                q, g = group_neighbours[k], group_conductances[k]
                 below = g < tried or (g == tried and q > last)
-                if merged[q] < 0 and below and g > most:
+                if into[q] < 0 and below and g > most:
                     best, most = q, g
             if best < 0:
                 break
             tried, last = most, best
             size = 0
+            if first[p + 1] - first[p] + first[best + 1] - first[best] > _MOST_MEMBERS:
+                continue
             for h in range(2):
-                pair = p if h == 0 else best
-                for m in range(first[pair], first[pair + 1]):
+                one = p if h == 0 else best
+                for m in range(first[one], first[one + 1]):
                     node[size] = members[m]
                     own_excess[size] = excess[members[m]]
                     own_diagonal[size] = diagonal[members[m]]
@@ -298,10 +301,10 @@ def pairs_of_pairs(
                         if neighbours[k] == node[b]:
                             inside[a, b] = conductances[k]
             if _holds(inside, own_excess, own_diagonal, size, quality, work):
-                merged[best] = groups
+                into[best] = groups
                 break
         groups += 1
     result = np.empty_like(group)
     for i in range(len(group)):
-        result[i] = merged[group[i]] if group[i] >= 0 else LEFT_OUT
+        result[i] = into[group[i]] if group[i] >= 0 else LEFT_OUT
     return result, groups
