@@ -13,7 +13,7 @@ from workbench.color.diffusion_hierarchy import Graph, Hierarchy
 from workbench.color.diffusion_solver import solved
 from workbench.kernels import diffusion_aggregation, diffusion_relaxation
 
-ANY = np.full(4, np.inf)
+ANY, EIGHT = np.full(4, np.inf), np.full(4, 1e-8)
 
 
 def _graph(samples: SampleGraph, excess: np.ndarray) -> Graph:
@@ -173,7 +173,7 @@ def _converges(case: str, n: int) -> None:
     assert all(a <= 0.34 * b for a, b in coarser)
     assert hierarchy.sizes[-1] <= 400
     assert hierarchy.complexity < 1.8
-    found = solved(graph, hierarchy, right, 1e-8, np.array([1e-8, 1e-8, np.inf, np.inf]), 60)
+    found = solved(graph, hierarchy, right, EIGHT, np.array([1e-8, 1e-8, np.inf, np.inf]), 60)
     assert found.converged
     cycles = len(found.corrections)
     factors = found.residuals[-1] ** (1.0 / cycles)
@@ -196,7 +196,7 @@ def test_a_chain_falls_in_proportion_to_resistance(decades: int) -> None:
     graph = _graph(SampleGraph(links, edges, conductances[1:-1]), excess)
     right = np.zeros((links, 4))
     right[-1, 0] = conductances[-1]
-    found = solved(graph, Hierarchy(graph), right, 1e-8, np.full(4, 1e-8), 60)
+    found = solved(graph, Hierarchy(graph), right, EIGHT, np.full(4, 1e-8), 60)
     resistance = np.cumsum(1.0 / conductances)
     assert found.converged
     np.testing.assert_allclose(found.values[:, 0], resistance[:-1] / resistance[-1], atol=1e-7)
@@ -211,7 +211,7 @@ def test_a_star_cannot_be_lumped_and_is_solved_all_the_same() -> None:
     hierarchy = Hierarchy(graph)
     assert hierarchy.sizes[-1] > 400
     right = np.tile(excess[:, None], 4)
-    found = solved(graph, hierarchy, right, 1e-10, ANY, 50)
+    found = solved(graph, hierarchy, right, 1e-2 * EIGHT, ANY, 50)
     assert found.converged
     np.testing.assert_allclose(found.values, 1.0, rtol=1e-8)
 
@@ -219,8 +219,8 @@ def test_a_star_cannot_be_lumped_and_is_solved_all_the_same() -> None:
 def test_the_same_bits_again() -> None:
     graph, _ = _held_at_rim(grid(60), 60)
     right = np.random.default_rng(5).normal(size=(len(graph), 4))
-    one = solved(graph, Hierarchy(graph), right, 1e-8, ANY, 60)
-    other = solved(graph, Hierarchy(graph), right, 1e-8, ANY, 60)
+    one = solved(graph, Hierarchy(graph), right, EIGHT, ANY, 60)
+    other = solved(graph, Hierarchy(graph), right, EIGHT, ANY, 60)
     assert one.values.tobytes() == other.values.tobytes()
 
 
@@ -230,7 +230,7 @@ def test_right_hand_sides_do_not_disturb_each_other() -> None:
     right = np.zeros((len(graph), 4))
     right[:, 1] = graph.excess
     right[:, 2] = 1e-300
-    found = solved(graph, Hierarchy(graph), right, 1e-8, ANY, 60)
+    found = solved(graph, Hierarchy(graph), right, EIGHT, ANY, 60)
     assert np.isfinite(found.values).all()
     assert (found.values[:, 0] == 0.0).all()
     np.testing.assert_allclose(found.values[:, 1], 1.0, rtol=1e-7)

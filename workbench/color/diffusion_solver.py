@@ -23,15 +23,13 @@ class Solution:
     Attributes
     ----------
     values : (n, 4) float64.
-    rest : (n, 4) what the values leave of the right-hand sides, as carried along: without the
-        rounding of the values themselves, which a residual made anew would magnify.
     converged : whether the asked tolerance was met.
-    residuals : (cycles + 1, 4) norm of the residual over that of the right-hand side.
+    residuals : (cycles + 1, 4) norm of the residual over that of the right-hand side; as carried
+        along, without the rounding of the values, which a residual made anew would magnify.
     corrections : (cycles, 4) the largest change that each cycle proposed.
     """
 
     values: Values
-    rest: Values
     converged: bool
     residuals: NDArray[np.float64]
     corrections: NDArray[np.float64]
@@ -41,7 +39,7 @@ def solved(
     graph: Graph,
     hierarchy: Hierarchy,
     right: Values,
-    tolerance: float,
+    tolerance: NDArray[np.float64],
     largest: NDArray[np.float64],
     max_cycles: int,
 ) -> Solution:
@@ -49,7 +47,7 @@ def solved(
 
     Parameters
     ----------
-    tolerance : of the residual, relative to the right-hand side.
+    tolerance : (4,) of each residual, relative to the right-hand side.
     largest : (4,) no cycle may propose a larger change at the end. What hangs weakly at the
         rest shows in no residual; the change a cycle proposes is the error itself, nearly.
     max_cycles : at most.
@@ -73,6 +71,4 @@ def solved(
         added(rest, -step, image)
         residuals.append(quotient(np.sqrt(products(rest, rest)), norm))
         converged = bool((residuals[-1] <= tolerance).all() and (corrections[-1] <= largest).all())
-    return Solution(
-        values, rest, converged, np.array(residuals), np.array(corrections).reshape(-1, 4)
-    )
+    return Solution(values, converged, np.array(residuals), np.array(corrections).reshape(-1, 4))
