@@ -17,6 +17,7 @@ from workbench.color.inpainting import (
     inpainted,
 )
 from workbench.errors import InputError, SettingsError
+from workbench.formats.surface_files import read_surface
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
 
 ALL_TRUSTED = InpaintingSettings(trusted=0.0)
@@ -209,6 +210,30 @@ def test_weights_from_1e_12_to_1_are_solved_exactly() -> None:
     heard = np.where(entering, np.minimum(1.0, weights[ring] / (0.5 * median)), 1.0)
     exact = _exact(SampleGraph(n * n, plain.edges, heard), colors, ~border)
     np.testing.assert_allclose(found.colors[~border, 0], exact, atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [2.0**-700, 2.0**700])
+def test_the_unit_of_conductance_does_not_matter(scale: float) -> None:
+    n = 20
+    colors, weights = noise_on_rim(n)
+    graph = CASES["1e-2 along"](n)
+    scaled = SampleGraph(graph.count, graph.edges, scale * graph.conductances)
+    one, other = inpainted(colors, weights, graph), inpainted(colors, weights, scaled)
+    assert one.colors.tobytes() == other.colors.tobytes()
+
+
+@pytest.mark.slow
+def test_half_of_a_real_head(shared_data) -> None:
+    mesh = read_surface(shared_data("meshes", "igea.ply"))
+    points = mesh.vertices
+    hole = points[:, 1] < np.median(points[:, 1])
+    colors = (points - points.min(axis=0)) / np.ptp(points, axis=0).max()
+    graph = sample_graph(edges_of_mesh(mesh.triangles, len(points), hole), points)
+    found = inpainted(colors, (~hole).astype(float), graph)
+    assert found.converged
+    assert found.factor < 0.5
+    assert found.unknowns == hole.sum()
+    assert overshoot(found, colors) <= 0.0
 
 
 def test_islands_without_colour_are_left_and_said() -> None:

@@ -7,8 +7,8 @@ has the sums of the conductances between them (Galerkin's operator), hence is a 
 
 Corrections that are constant within groups converge ever slower in plain V-cycles as graphs
 grow. So each coarse graph is solved by two steps of conjugate gradients whose preconditioner is
-the next cycle (a K-cycle): the cost stays within twice the finest graph's, and the factor does
-not depend on the size.
+the next cycle (a K-cycle): the cost stays within about twice the finest graph's, and the factor
+hardly depends on the size.
 
 Sources: Jaspe 2018, 3.4.6 (quarter coarsening to fewer than 1000 nodes); Napov and Notay 2012
 (groups with a guaranteed two-grid bound); Notay and Vassilevski 2008 (K-cycle).

@@ -211,7 +211,7 @@ class _Hole:
     ----------
     samples : (u,) the samples.
     island : (u,) which hole each belongs to, numbered from 0 without gaps.
-    edges, conductances : (e, 2) int32 among ``samples`` and (e,).
+    edges, conductances : (e, 2) int32 among ``samples`` and (e,), the largest 1.
     rim : (r,) which of ``samples`` each edge to a coloured one starts from.
     ring, rim_conductances : (r,) the coloured sample at its other end, and (r,).
     islands, islands_unpainted : all holes, and those that touch no coloured sample.
@@ -221,6 +221,8 @@ class _Hole:
         start, end = graph.edges.T
         used = (graph.conductances > 0.0) & (start != end) & (open_[start] | open_[end])
         start, end, conductances = start[used], end[used], graph.conductances[used]
+        if len(conductances):
+            conductances = np.maximum(conductances / conductances.max(), _LEAST)
         inner = open_[start] & open_[end]
         number = np.cumsum(open_) - 1
         count = int(open_.sum())
@@ -243,9 +245,9 @@ class _Hole:
         inside = inner.copy()
         inside[inner] = kept[number[start[inner]]]
         self.edges = np.stack([new[start[inside]], new[end[inside]]], axis=1).astype(np.int32)
-        self.conductances = np.maximum(conductances[inside], _LEAST)
+        self.conductances = conductances[inside]
         self.rim, self.ring = new[first], ring
-        self.rim_conductances = np.maximum(conductances[outer], _LEAST)
+        self.rim_conductances = conductances[outer]
 
 
 class _System:
