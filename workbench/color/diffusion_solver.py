@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.color.diffusion_hierarchy import Graph, Hierarchy, Values, quotient
-from workbench.kernels.diffusion_relaxation import added, products, scaled_and_added
+from workbench.kernels.diffusion_relaxation import added, largest, products, scaled_and_added
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def solved(
     hierarchy: Hierarchy,
     right: Values,
     tolerance: NDArray[np.float64],
-    largest: NDArray[np.float64],
+    last_change: NDArray[np.float64],
     max_cycles: int,
 ) -> Solution:
     """Solve for four right-hand sides (n, 4) from zero.
@@ -52,7 +52,7 @@ def solved(
     Parameters
     ----------
     tolerance : (4,) of each residual, relative to the right-hand side.
-    largest : (4,) no cycle may propose a larger change at the end. What hangs weakly at the
+    last_change : (4,) no cycle may propose a larger one at the end. What hangs weakly at the
         rest shows in no residual; the change a cycle proposes is the error itself, nearly.
     max_cycles : at most.
     """
@@ -66,7 +66,7 @@ def solved(
     converged = False
     while not converged and len(corrections) < max_cycles:
         proposed = hierarchy.cycle(rest)
-        corrections.append(np.abs(proposed).max(axis=0, initial=0.0))
+        corrections.append(largest(proposed))
         scaled_and_added(direction, -quotient(products(proposed, image), energy), proposed)
         image = graph.applied(direction)
         energy = products(direction, image)
@@ -74,5 +74,7 @@ def solved(
         added(values, step, direction)
         added(rest, -step, image)
         residuals.append(quotient(np.sqrt(products(rest, rest)), norm))
-        converged = bool((residuals[-1] <= tolerance).all() and (corrections[-1] <= largest).all())
+        converged = bool(
+            (residuals[-1] <= tolerance).all() and (corrections[-1] <= last_change).all()
+        )
     return Solution(values, converged, np.array(residuals), np.array(corrections).reshape(-1, 4))

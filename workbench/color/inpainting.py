@@ -165,7 +165,7 @@ def inpainted(
         hierarchy,
         system.right,
         tolerance=np.array([settings.tolerance] * 3 + [_CONDITION_TOLERANCE]),
-        largest=np.array([settings.tolerance] * 3 + [np.inf]),
+        last_change=np.array([settings.tolerance] * 3 + [np.inf]),
         max_cycles=settings.max_cycles,
     )
     colors[hole.samples] = system.colors_of(solution.values)

@@ -141,6 +141,16 @@ def products(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float
 
 
 @njit(cache=True, nogil=True)
+def largest(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4,) largest size of a number in each column."""
+    result = np.zeros(CHANNELS)
+    for i in range(len(a)):
+        for c in range(CHANNELS):
+            result[c] = max(result[c], abs(a[i, c]))
+    return result
+
+
+@njit(cache=True, nogil=True)
 def added(
     target: NDArray[np.float64], factor: NDArray[np.float64], what: NDArray[np.float64]
 ) -> None:
