@@ -7,8 +7,8 @@ with the conductances of `tests.color.diffusion_cases`, and, where a mesh is giv
 Each is solved by the workbench's cycle as preconditioner, as plain iteration, and with its coarse
 graphs visited once (a V-cycle); by PyAMG's hierarchies (``pip install "pyamg>=5.2,<6"``) with and
 without conjugate gradients; and, up to 10⁵ unknowns, by conjugate gradients with the diagonal and
-directly: in turn within one run, three channels each, to the same residual, on one thread. Prints tables
-and writes ``inpainting_CASE.svg`` and, where an SVG renderer is at hand, ``.png`` to OUT.
+directly: in turn within one run, three channels each, to the same residual, on one thread. Prints
+tables and writes ``inpainting_CASE.svg`` and, where an SVG renderer is at hand, ``.png`` to OUT.
 """
 
 from __future__ import annotations
