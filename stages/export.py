@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from workbench.errors import InputError
@@ -49,7 +51,7 @@ def run(job: Job[ExportOptions]) -> StageResult:
     origin = np.array(inventory["origin_m"]) if inventory else np.zeros(3)
     if mesh is None:
         mesh = _geometry(job)
-    mesh = _with_color(mesh)
+    mesh = _with_color(mesh, products.load_if_there("surface_color"))
     moved = replace(mesh, vertices=mesh.vertices + origin)
     with job.progress.step("writing exports"):
         if options.ply:
@@ -69,16 +71,26 @@ def run(job: Job[ExportOptions]) -> StageResult:
     )
 
 
-def _with_color(mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh with the colour attributes every export carries; grey, and said to be none."""
+def _with_color(mesh: TriangleMesh, told: Mapping[str, NDArray[Any]] | None) -> TriangleMesh:
+    """The mesh with the colour attributes every export carries; grey where there is none.
+
+    Parameters
+    ----------
+    told : linear colour of each vertex and where it is from, as ``color`` found it.
+    """
     from workbench.surface.provenance import UNCOLORED
 
     n, has = len(mesh.vertices), mesh.vertex_attributes
-    if "color" not in has:
-        mesh = mesh.with_attributes(color=np.full((n, 3), 200, np.uint8))
-    if "color_provenance" not in has:
-        mesh = mesh.with_attributes(color_provenance=np.full(n, UNCOLORED, np.uint8))
-    return mesh
+    color = has.get("color", np.full((n, 3), 200, np.uint8))
+    provenance = has.get("color_provenance", np.full(n, UNCOLORED, np.uint8))
+    if told is not None:
+        from workbench.color.blending_display import encoded_srgb
+
+        provenance = told["color_provenance"]
+        known = provenance != UNCOLORED
+        color = np.array(color, np.uint8)
+        color[known] = encoded_srgb(told["color"][known], str(told["space"]))  # type: ignore[arg-type]
+    return mesh.with_attributes(color=color, color_provenance=provenance)
 
 
 def _geometry(job: Job[ExportOptions]) -> Any:
@@ -97,13 +109,13 @@ def _geometry(job: Job[ExportOptions]) -> Any:
 
 EXPORT = Stage(
     name="export",
-    version=1,
+    version=2,
     summary="PLY, OBJ and GLB with normals, colour and provenance, in the user's coordinates.",
     options=ExportOptions,
-    reads=("surface", "scan_inventory", "geometry_file"),
+    reads=("surface", "surface_color", "scan_inventory", "geometry_file"),
     writes=("surface_ply", "surface_obj", "surface_glb"),
     needed=needed,
     run=run,
-    libraries=("numpy",),
+    libraries=("numpy", "colour-science"),
     estimate=estimate,
 )

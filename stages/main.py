@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from stages.color import COLOR
 from stages.develop import DEVELOP
 from stages.export import EXPORT
 from stages.fuse import FUSE
@@ -24,6 +25,7 @@ PIPELINE: Pipeline = (
     FUSE,  # Jaspe 2018, 3.4.4: one consolidated set of samples
     INFILL,  # Jaspe 2018, 3.4.6: screened Poisson closes what no scan saw
     ORIENT,  # Jaspe 2018, 3.4.2: where the photographs were taken from, against the surface
+    COLOR,  # Jaspe 2018, 3.4.5 and 3.4.6: photographs blended onto the surface, without flash
     EXPORT,
     VERIFY,
 )

@@ -1,4 +1,4 @@
-"""A mesh's vertices as samples to be coloured, and the seams between photographs on them."""
+"""A mesh's vertices as samples to be coloured."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
-from workbench.geometry.robust import robust_sigma
 
 _SAMPLES_AT_ONCE = 1 << 20
-_FEWEST_EDGES = 50
 
 
 @dataclass(frozen=True)
@@ -51,46 +49,3 @@ def vertex_spacing(mesh: TriangleMesh) -> NDArray[np.float64]:
             total += np.bincount(corner, length, len(total))
             count += np.bincount(corner, minlength=len(total))
     return total / np.maximum(count, 1.0)
-
-
-@dataclass(frozen=True)
-class SeamSteps:
-    """How colours step along edges of the surface, standard deviations of the logarithm.
-
-    Attributes
-    ----------
-    across : on edges between samples that other photographs see.
-    within : on edges between samples that the same photographs see.
-    """
-
-    across: float
-    within: float
-
-    @property
-    def seam(self) -> float:
-        """What the borders of photographs add; NaN where there are too few of either kind."""
-        return float(np.sqrt(max(self.across**2 - self.within**2, 0.0)))
-
-
-def seam_steps(
-    levels: NDArray[np.float64], photo_sets: NDArray[np.uint64], triangles: NDArray[np.int32]
-) -> SeamSteps:
-    """Steps of levels (n,) along the edges of triangles (m, 3), across borders and elsewhere.
-
-    Parameters
-    ----------
-    levels : logarithms; NaN where there is no colour.
-    photo_sets : (n,) a number for the set of photographs that see a sample.
-    """
-    apart: list[NDArray[np.float64]] = []
-    across: list[NDArray[np.bool_]] = []
-    for k in range(3):
-        start, end = triangles[:, k], triangles[:, (k + 1) % 3]
-        step = levels[start] - levels[end]
-        known = np.isfinite(step)
-        apart.append(step[known])
-        across.append((photo_sets[start] != photo_sets[end])[known])
-    steps, border = np.concatenate(apart), np.concatenate(across)
-    if min(border.sum(), (~border).sum()) < _FEWEST_EDGES:
-        return SeamSteps(np.nan, np.nan)
-    return SeamSteps(robust_sigma(steps[border]), robust_sigma(steps[~border]))

@@ -118,6 +118,17 @@ _TABLE = (
     Artefact("oriented_cameras", "work/orient/colmap/cameras.txt", "file", "COLMAP: the lenses"),
     Artefact("oriented_images", "work/orient/colmap/images.txt", "file", "COLMAP: photographs"),
     Artefact("oriented_points", "work/orient/colmap/points3D.txt", "file", "COLMAP: the points"),
+    Artefact(
+        "photo_observations",
+        "work/color/seen/{item}.npz",
+        "arrays",
+        "what each photograph says of the surface",
+    ),
+    Artefact("photo_lighting", "work/color/lit/{item}.npz", "arrays", "where each flash reaches"),
+    Artefact("flash", "work/color/flash.json", "json", "the flash and its strength"),
+    Artefact(
+        "surface_color", "work/color/surface_color.npz", "arrays", "linear colour of the surface"
+    ),
     Artefact("surface_ply", "exports/surface.ply", "file", "the surface with all attributes"),
     Artefact("surface_obj", "exports/surface.obj", "file", "the surface for general tools"),
     Artefact("surface_glb", "exports/surface.glb", "file", "the surface for the web"),
