@@ -22,42 +22,20 @@ from workbench.color.flash_observations import (
     usable_observations,
 )
 from workbench.color.flash_parameters import FlashParameters, FlashTerm
+from workbench.color.flash_terms import TermTrial, chosen_terms, with_terms_only
 from workbench.errors import InputError
-from workbench.geometry.robust import TUKEY
 
 # Lengths are in median distances of the samples from the camera.
-_RING, _ROUND = 0.3, 6
+_RING, _ROUND = 0.3, 4
 _FEWEST_SPARE = 30
-# Observations that the search and the choice of terms look at, and that the last fit does.
-_SOME, _MORE = 25_000, 60_000
-_SEARCH_STEPS, _TRIAL_STEPS, _LAST_STEPS, _FINAL_STEPS = 8, 12, 60, 4
+# Observations that the search, the choice of terms and the last fit look at.
+_FEW, _SOME, _MORE = 6_000, 20_000, 60_000
+_SEARCH_STEPS, _TRIAL_STEPS, _LAST_STEPS, _GAIN_STEPS = 8, 8, 60, 2
 # A direction in which the flash is known no better than this is told of; a flash of which no
 # direction is known better than that is not.
 _LOOSE, _UNKNOWN = 0.05, 0.15
-# What a term has to gain on samples it was not fitted to: of the spread, and in standard errors.
-_LEAST_GAIN, _LEAST_CERTAINTY = 0.005, 3.0
 _ENOUGH_PHOTOS, _ENOUGH_SAMPLES = 4, 20
 _AXES = ("sideways", "up or down", "along the view")
-
-
-@dataclass(frozen=True)
-class TermTrial:
-    """Whether a term of the light was worth keeping.
-
-    Attributes
-    ----------
-    term : ``falloff``, ``roughness`` or ``indirect``.
-    without, with_term : spread of the logarithm of samples that were not fitted to, capped
-        where it is an outlier's.
-    certainty : how many standard errors lower the spread is with it.
-    kept : as said.
-    """
-
-    term: FlashTerm
-    without: float
-    with_term: float
-    certainty: float
-    kept: bool
 
 
 @dataclass(frozen=True)
@@ -69,7 +47,11 @@ class FlashEstimate:
     light : with the median distance of the samples as its reference distance.
     gains : (photos,) of each photograph relative to their geometric mean; NaN where the
         observations do not tell it.
-    position_covariance : (3, 3) of the flash's position in the camera frame, squared units.
+    position_covariance : (3, 3) of the flash's position in the camera frame, squared units:
+        from the spread of the samples; from how far the position moves when only the half of
+        the observations that face the flash best is asked, as it does where normals are wrong or
+        the surface reflects otherwise than the model says; and from how far the terms that were
+        given up would move it.
     loose : (k, 3) unit directions in the camera frame in which the position is known no better
         than to 5 % of the distance; loose_sigmas (k,) are its standard deviations there.
     trials : the terms that were tried.
@@ -147,7 +129,8 @@ def estimated_flash(
     Parameters
     ----------
     seen : samples that the flash lights, without those known to lie in shadow; what is left of
-        shadows and highlights is found and left out.
+        shadows and highlights is found and left out. Of more than some 60,000 the flash is
+        fitted to so many, all observations of samples drawn blindly; the gains are to all.
     gain_sigma : standard deviation of the logarithm of the photographs' gains: some 0.03 for a
         flash set by hand, infinite for one that metered each photograph.
     terms : that may be tried beyond position and gains.
@@ -174,35 +157,46 @@ def estimated_flash(
             "photographs are too few to tell the flash from colours and gains"
         )
     rng = np.random.default_rng(0)
-    some, more = _some(ready, _SOME, rng), _some(ready, _MORE, rng)
-    fit = _searched(some, gain_sigma, epsilon)
+    few, some, more = (_some(ready, most, rng) for most in (_FEW, _SOME, _MORE))
+    found = _searched(few, tuple(terms), gain_sigma, epsilon)
+    model = FlashParameters(True, tuple(terms))
+    fit = fitted_flash(some, model, found.light, found.log_gains, gain_sigma, _LAST_STEPS)
     halves = rng.random(some.samples) < 0.5
-    kept, trials = _chosen_terms(some, halves, fit, tuple(terms), gain_sigma)
+    kept, trials = chosen_terms(some, halves, fit, tuple(terms), gain_sigma)
     parameters = FlashParameters(True, kept)
-    fit = fitted_flash(more, parameters, fit.light, fit.log_gains, gain_sigma, _LAST_STEPS)
-    if len(ready.sample) > len(more.sample):
-        rested = fit.converged
-        fit = fitted_flash(ready, parameters, fit.light, fit.log_gains, gain_sigma, _FINAL_STEPS)
-        fit = replace(fit, converged=rested)
-    variances, ways = np.linalg.eigh(fit.covariance)
+    full, start = fit.light, with_terms_only(fit.light, kept)
+    fit = fitted_flash(more, parameters, start, fit.log_gains, gain_sigma, _LAST_STEPS)
+    # What light there is, so many tell as well as all; of its strength, each tells its own.
+    final = fitted_flash(
+        ready, FlashParameters(False), fit.light, fit.log_gains, gain_sigma, _GAIN_STEPS
+    )
+    # Where the terms that were given up would have it, if they are there after all.
+    shifts = np.stack(
+        [
+            _shift_when_facing(more, fit, gain_sigma),
+            full.position_in_camera - fit.light.position_in_camera,
+        ]
+    )
+    covariance = fit.covariance + shifts.T @ shifts
+    variances, ways = np.linalg.eigh(covariance)
     sigmas = np.sqrt(np.maximum(variances, 0.0))
     if not np.isfinite(sigmas).all() or sigmas[0] > _UNKNOWN:
         return NoFlashEstimate("the photographs do not tell in any direction where the flash is")
     loose = sigmas > _LOOSE
     gains = np.full(int(seen.photo.max()) + 1, np.nan)
-    gains[photos] = np.exp(fit.log_gains)
+    gains[photos] = np.exp(final.log_gains)
     return FlashEstimate(
         _scaled(fit.light, distance),
         gains,
-        fit.covariance * distance**2,
+        covariance * distance**2,
         ways.T[loose],
         sigmas[loose] * distance,
         trials,
-        *_scatters(ready, fit, gain_sigma),
+        *_scatters(more, fit, gain_sigma),
         _held_out_scatter(some, halves, fit, parameters, gain_sigma),
-        fit.sigma,
+        final.sigma,
         len(ready.sample),
-        float(fit.used.mean()),
+        float((final.used > 0.0).mean()),
         fit.iterations,
         fit.converged,
     )
@@ -245,91 +239,40 @@ def _some(seen: LogObservations, most: int, rng: np.random.Generator) -> LogObse
     return seen.of_samples(kept)
 
 
-def _searched(seen: LogObservations, gain_sigma: float, epsilon: float) -> FlashFit:
-    """The best fit without further terms, started from the lens and from around it."""
+def _searched(
+    seen: LogObservations, terms: tuple[FlashTerm, ...], gain_sigma: float, epsilon: float
+) -> FlashFit:
+    """The best fit of a model with all terms, started from the lens and from around it."""
     angles = 2.0 * np.pi * np.arange(_ROUND) / _ROUND
     ring = _RING * np.stack([np.cos(angles), np.sin(angles), np.zeros(_ROUND)], axis=1)
     none = np.zeros(seen.photos)
     fits = [
         fitted_flash(
             seen,
-            FlashParameters(),
+            FlashParameters(True, model),
             FlashLight(place, epsilon=epsilon),
             none,
             gain_sigma,
             _SEARCH_STEPS,
         )
+        # A start that the terms lead astray may be found without them, and the other way round.
+        for model in dict.fromkeys(((), terms))
         for place in [np.zeros(3), *ring]
     ]
-    best = min(fits, key=lambda fit: fit.cost)
-    return fitted_flash(
-        seen, FlashParameters(), best.light, best.log_gains, gain_sigma, _LAST_STEPS
-    )
+    return min(fits, key=lambda fit: fit.cost)
 
 
-def _chosen_terms(
-    seen: LogObservations,
-    halves: NDArray[np.bool_],
-    base: FlashFit,
-    candidates: tuple[FlashTerm, ...],
-    gain_sigma: float,
-) -> tuple[tuple[FlashTerm, ...], tuple[TermTrial, ...]]:
-    """Terms that lower the spread of the half of the samples they were not fitted to."""
-    kept: tuple[FlashTerm, ...] = ()
-    trials: list[TermTrial] = []
-    before = _held_out_losses(seen, halves, base, FlashParameters(True, kept), gain_sigma)
-    left = list(candidates)
-    while left:
-        tried = {
-            term: _held_out_losses(
-                seen, halves, base, FlashParameters(True, (*kept, term)), gain_sigma
-            )
-            for term in left
-        }
-        best = min(left, key=lambda term: float(tried[term].mean()))
-        outcomes = {term: _trial(term, before, tried[term]) for term in left}
-        if not outcomes[best].kept:
-            trials += outcomes.values()
-            break
-        trials.append(outcomes[best])
-        kept, before = (*kept, best), tried[best]
-        left.remove(best)
-    return kept, tuple(trials)
-
-
-def _trial(
-    term: FlashTerm, without: NDArray[np.float64], with_term: NDArray[np.float64]
-) -> TermTrial:
-    gained = without - with_term
-    error = float(gained.std() / np.sqrt(max(len(gained), 1)))
-    certainty = float(gained.mean()) / error if error > 0.0 else 0.0
-    spreads = float(np.sqrt(without.mean())), float(np.sqrt(with_term.mean()))
-    kept = spreads[1] < (1.0 - _LEAST_GAIN) * spreads[0] and certainty > _LEAST_CERTAINTY
-    return TermTrial(term, *spreads, certainty, kept)
-
-
-def _held_out_losses(
-    seen: LogObservations,
-    halves: NDArray[np.bool_],
-    base: FlashFit,
-    parameters: FlashParameters,
-    gain_sigma: float,
+def _shift_when_facing(
+    seen: LogObservations, fit: FlashFit, gain_sigma: float
 ) -> NDArray[np.float64]:
-    """Capped mean square (samples,) of every sample, foretold by the half it is not in."""
-    losses = np.zeros(seen.samples)
-    # Weights and cap are the base's, so that no model gains by trusting less.
-    trust = seen.weights * incidence_trust(base.light.incidence(seen.places, seen.normals))
-    for half in (halves, ~halves):
-        fit = fitted_flash(
-            seen.of_samples(half), parameters, base.light, base.log_gains, gain_sigma, _TRIAL_STEPS
-        )
-        residuals = log_residuals(seen, fit.light, fit.log_gains)
-        middle, _ = seen.about_means(residuals, trust * (base.used > 0.0))
-        square = np.minimum(middle**2, (TUKEY * base.sigma) ** 2)
-        sums, total = seen.sums(square[:, None], trust)
-        told = ~half & (total > 0.0)
-        losses[told] = sums[told, 0] / total[told]
-    return losses
+    """How far (3,) the position moves without the half of the observations of less incidence."""
+    cosine = fit.light.incidence(seen.places, seen.normals)
+    facing = cosine >= np.median(cosine)
+    chosen = replace(seen, weights=np.where(facing, seen.weights, 1e-6 * seen.weights))
+    other = fitted_flash(
+        chosen, FlashParameters(), fit.light, fit.log_gains, gain_sigma, _TRIAL_STEPS
+    )
+    return other.light.position_in_camera - fit.light.position_in_camera
 
 
 def _scatters(
@@ -340,7 +283,7 @@ def _scatters(
     none = FlashLight(np.zeros(3), epsilon=1.0)
     even = replace(seen, places=np.tile([0.0, 0.0, 1.0], (len(seen.sample), 1)))
     alone = fitted_flash(
-        even, FlashParameters(False), none, np.zeros(seen.photos), gain_sigma, _FINAL_STEPS
+        even, FlashParameters(False), none, np.zeros(seen.photos), gain_sigma, _LAST_STEPS
     )
     return (
         sample_scatter(seen.log_values[sure], seen.sample[sure]),

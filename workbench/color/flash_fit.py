@@ -11,12 +11,12 @@ Lengths in this module are in median distances of the samples from the camera.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_array, dia_array
+from scipy.sparse import csr_array
 
 from workbench.color.flash_light import FlashLight, incidence_trust
 from workbench.color.flash_observations import LogObservations
@@ -30,7 +30,7 @@ _LEAST_LEFT = 0.05
 # Keeps the gains' system solvable where photographs lost all their weight, relative to its mean.
 _RIDGE = 1e-9
 _LONGEST_STEP = 0.15
-_SETTLED = 1e-4
+_SETTLED = 3e-4
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,7 @@ def fitted_flash(
     system = _System(seen, parameters, light, gains, weighed, gain_sigma)
     share = float(weighed.trust.sum() / seen.weights.sum())
     used = weighed.weights / np.maximum(seen.weights, np.finfo(float).tiny)
-    return FlashFit(
-        light, gains, system.covariance(), weighed.sigma, share, used, step, converged
-    )
+    return FlashFit(light, gains, system.covariance(), weighed.sigma, share, used, step, converged)
 
 
 def log_residuals(
@@ -133,10 +131,15 @@ def _weighed(
     gains: NDArray[np.float64],
     before: NDArray[np.float64] | None,
 ) -> _Weighed:
-    """Tukey's weights about the samples' means as the weights before had them."""
+    """Tukey's weights about the samples' means as the weights before had them.
+
+    At first about medians: one outlier moves a mean so far that all others seem to be outliers.
+    """
     trust = seen.weights * incidence_trust(light.incidence(seen.places, seen.normals))
-    mean_weights = trust if before is None else before
-    residuals, left = seen.about_means(log_residuals(seen, light, gains), mean_weights)
+    logarithms = log_residuals(seen, light, gains)
+    residuals, left = seen.about_means(logarithms, trust if before is None else before)
+    if before is None:
+        residuals = seen.about_medians(logarithms)
     # Of two observations, each lies half their difference from the mean: what the mean took
     # away is given back.
     residuals /= np.sqrt(np.maximum(left, _LEAST_LEFT))
@@ -174,12 +177,14 @@ class _System:
         )
         inner = both.T @ weighted - by_sample.T @ share
         crossed = by_photo - matrix @ share
-        scaled = matrix @ dia_array(
-            (np.where(total > 0.0, 1.0 / np.where(total > 0.0, total, 1.0), 0.0)[None], [0]),
-            shape=(seen.samples, seen.samples),
+        # B D⁻¹ Bᵀ as the square of B D⁻½, which is symmetric to the last digit.
+        root = np.sqrt(np.where(total > 0.0, total, 1.0))
+        scaled = csr_array(
+            (self._weights / root[seen.sample], seen.sample, seen.first_rows),
+            shape=(seen.photos, seen.samples),
         )
-        own = matrix.sum(axis=1)
-        gram = np.diag(own) - (scaled @ matrix.T).toarray()
+        own = np.bincount(seen.photo, self._weights, seen.photos)
+        gram = np.diag(own) - np.asarray((scaled @ scaled.T).todense())
         held = self._variance / gain_sigma**2
         # Only differences of gains can be told: their mean is set to 0.
         gram += held * np.eye(seen.photos) + own.mean() / seen.photos**2
@@ -212,8 +217,9 @@ class _System:
         return np.asarray(self._gains[:, -1] - self._gains[:, :-1] @ change)
 
     def size(self, change: NDArray[np.float64]) -> float:
-        """Largest change of any number, which all are of the order of 1."""
-        return float(max(np.abs(change).max(initial=0.0), np.abs(self.gain_change(change)).max()))
+        """Largest change of a gain, or of another number in parts of what it may be at all."""
+        parts = np.abs(change) * np.sqrt(self._parameters.priors)
+        return float(max(parts.max(initial=0.0), np.abs(self.gain_change(change)).max()))
 
     def covariance(self) -> NDArray[np.float64]:
         """(3, 3) of the position, from the spread of the samples' own pulls on it."""

@@ -18,6 +18,8 @@ from workbench.errors import InputError
 
 # Nearer to the flash than this many reference distances the light grows no more.
 _NEAREST = 1e-9
+# Squares of shorter lengths have no digits left.
+_SHORTEST = 1e-150
 # Numbers of coefficients of whole polynomials in two unknowns without constant, degrees 0 to 4.
 _WHOLE_POLYNOMIALS = (0, 2, 5, 9, 14)
 # Cosine of incidence from which a sample is fully trusted: 70°.
@@ -94,8 +96,7 @@ class FlashLight:
         away from the flash counts as one at grazing incidence.
         """
         way = self.position_in_camera - np.asarray(places_in_camera, np.float64)
-        distance = np.sqrt(_dot(way, way))
-        to_flash = way / np.where(distance > 0.0, distance, 1.0)[:, None]
+        distance, to_flash = _directed(way)
         light = (self.reference_distance / self._not_too_near(distance)) ** 2
         if self.falloff:
             light *= np.exp(falloff_terms(-to_flash, len(self.falloff)) @ np.array(self.falloff))
@@ -111,8 +112,7 @@ class FlashLight:
         At the flash itself, which lies in no direction, it is 0.
         """
         way = self.position_in_camera - np.asarray(places_in_camera, np.float64)
-        length = np.maximum(np.sqrt(_dot(way, way)), np.finfo(float).tiny)
-        return np.asarray(_dot(way, normals_in_camera) / length)
+        return _dot(_directed(way)[1], normals_in_camera)
 
     def _not_too_near(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.maximum(distance, _NEAREST * self.reference_distance)
@@ -145,8 +145,7 @@ def oren_nayar_lobe(
     max(0, cos Δφ) sin α tan β cos θ, written without the angles: no azimuth is needed, which
     has no value at normal incidence, and no tangent, which has none at grazing incidence.
     """
-    away = np.sqrt(_dot(places, places))
-    to_camera = -places / np.where(away > 0.0, away, 1.0)[:, None]
+    to_camera = -_directed(places)[1]
     cos_l = np.maximum(_dot(to_flash, normals), 0.0)
     cos_v = np.maximum(_dot(to_camera, normals), 0.0)
     product = np.maximum(_dot(to_flash, to_camera) - cos_l * cos_v, 0.0)
@@ -256,7 +255,8 @@ def value_trust(
     ----------
     black, full : values of no light and of a full sensor, one or per channel.
     """
-    part = (np.asarray(values, np.float64) - black) / (np.asarray(full, np.float64) - black)
+    low, high = np.asarray(black, np.float64), np.asarray(full, np.float64)
+    part = np.asarray((np.asarray(values, np.float64) - low) / (high - low))
     highest = part if part.ndim == 1 else part.max(axis=1)
     falling = 1.0 - _step(highest, _NEAR_FULL, _FULL)
     return np.asarray(_step(highest, 0.0, _ABOVE_NOISE) * falling)
@@ -275,9 +275,18 @@ def trust(
     return np.asarray(incidence_trust(cosine) * value_trust(values, black, full))
 
 
+def _directed(
+    ways: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lengths (n,) and unit directions (n, 3); what is too short to have one has (0, 0, 0)."""
+    lengths = np.sqrt(_dot(ways, ways))
+    shares = np.where(lengths < _SHORTEST, 0.0, 1.0 / np.maximum(lengths, _SHORTEST))
+    return lengths, ways * shares[:, None]
+
+
 def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     # Several times as fast as a sum over three columns.
-    return np.einsum("ij,ij->i", one, other)
+    return np.asarray(np.einsum("ij,ij->i", one, other))
 
 
 def _step(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:

@@ -115,7 +115,8 @@ class LogObservations:
         """Weighted sums (samples, k) of columns (m, k) over each sample, and of the weights."""
         parts = [np.bincount(self.sample, weights * c, self.samples) for c in columns.T]
         sums = np.stack(parts, axis=1) if parts else np.empty((self.samples, 0))
-        return sums, np.bincount(self.sample, weights, self.samples)
+        total = np.bincount(self.sample, weights, self.samples)
+        return np.asarray(sums, np.float64), np.asarray(total, np.float64)
 
     def about_means(
         self, values: NDArray[np.float64], weights: NDArray[np.float64]
@@ -129,6 +130,14 @@ class LogObservations:
         safe = np.where(total > 0.0, total, 1.0)
         left = np.where(total > 0.0, 1.0, 0.0)[self.sample] - weights / safe[self.sample]
         return values - (sums[:, 0] / safe)[self.sample], left
+
+    def about_medians(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (m,) less their sample's median."""
+        order = np.lexsort((values, self.sample))
+        first = np.searchsorted(self.sample[order], np.arange(self.samples + 1))
+        last = first[1:] - 1
+        low, high = order[(first[:-1] + last) // 2], order[(first[:-1] + last + 1) // 2]
+        return np.asarray(values - (0.5 * (values[low] + values[high]))[self.sample])
 
 
 def usable_observations(
@@ -178,9 +187,7 @@ def usable_observations(
     return ready, chosen, photos.astype(np.int64), distance
 
 
-def _seen_again(
-    sample: NDArray[np.integer], photo: NDArray[np.integer]
-) -> NDArray[np.bool_]:
+def _seen_again(sample: NDArray[np.integer], photo: NDArray[np.integer]) -> NDArray[np.bool_]:
     """(m,) whether another photograph, too, saw the sample."""
     _, number = np.unique(sample, return_inverse=True)
     first = np.full(int(number.max()) + 1, np.iinfo(np.int64).max)

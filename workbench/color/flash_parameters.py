@@ -69,9 +69,7 @@ class FlashParameters:
             light = replace(light, indirect=float(max(values[0], 0.0)))
         return light
 
-    def leaves(
-        self, values: NDArray[np.float64], step: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def leaves(self, values: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(k,) whether a number at its bound would go beyond."""
         low, high = self._bounds()
         return np.asarray(((values <= low) & (step < 0.0)) | ((values >= high) & (step > 0.0)))
