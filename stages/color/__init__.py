@@ -61,7 +61,8 @@ class _Subject:
 
 
 def run(job: Job[ColorOptions]) -> StageResult:
-    from workbench.color.blending import blended, level_of
+    from workbench.color.blending import blended
+    from workbench.color.blending_colors import level_of
     from workbench.color.blending_seams import seam_steps
 
     products, options = job.products, job.options
@@ -79,7 +80,7 @@ def run(job: Job[ColorOptions]) -> StageResult:
     unlit = _leveled_onto(subject.unlit, flashed)
     with job.progress.step("blending"):
         together = Together((flashed, unlit))
-        blending = blended(together, len(count), options.robust_rounds, options.least_weight)
+        blending = blended(together, len(count), options.robust, options.least_weight)
         levels = level_of(blending.colors)
         seams = seam_steps(together, levels, sets, subject.mesh.triangles)
     inpainting = _inpainted(job, subject.mesh, blending) if options.inpaint else None

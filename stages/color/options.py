@@ -69,12 +69,10 @@ class ColorOptions(StageOptions):
     sharpness_power: float = Field(
         1.0, ge=0.0, le=16.0, description="Power of the sharpness in the weights; 0 leaves it out."
     )
-    robust_rounds: int = Field(
-        2,
-        ge=0,
-        le=10,
-        description="How often photographs count less where they differ from the rest, as in "
-        "highlights; 0 takes the mean.",
+    robust: Literal["median", "none"] = Field(
+        "median",
+        description="Count photographs less where they differ from the median of all, as in "
+        "highlights, or take the mean.",
     )
     least_weight: float = Field(
         0.01,

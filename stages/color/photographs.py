@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from workbench.pipeline.stage import Products
 
 if TYPE_CHECKING:
-    from workbench.color.blending import Colored
+    from workbench.color.blending_colors import Colored
     from workbench.color.blending_observations import Observations
     from workbench.color.flash_light import FlashLight
     from workbench.color.flash_observations import FlashObservations
@@ -43,7 +43,7 @@ class Photographs:
     gains: Mapping[str, float] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[Colored]:
-        from workbench.color.blending import corrected, uncorrected
+        from workbench.color.blending_colors import corrected, uncorrected
 
         for name in self.names:
             seen, gain = self.observations(name), self.gains.get(name, 1.0)

@@ -9,100 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.color.blending_observations import Observations
-from workbench.color.flash_light import FlashLight, albedo, incidence_trust
-from workbench.errors import InputError
+from workbench.color.blending_colors import Colored
+from workbench.color.blending_votes import median_levels
 from workbench.geometry.robust import robust_sigma
-from workbench.geometry.transforms import Matrix4, apply
 
 # Residuals of the logarithm count by half at so many sigmas from the first mean.
 _DOUBTFUL_SIGMAS = 2.0
 # However well photographs agree, their values have the noise of single pixels.
 _LEAST_SIGMA = 0.01
-# The logarithm of nothing is that of a surface far darker than any is.
-_DARKEST = 1e-4
-# How much of the weight a surface loses that faces halfway between flash and camera, where
-# varnish shines, and the sine of the angle over which it comes back: 15°.
-_HIGHLIGHT, _HIGHLIGHT_SINE = 0.95, 0.26
-_TINY = np.finfo(float).tiny
 # Residuals that the spread is taken from, per photograph.
 _RESIDUALS_PER_PHOTO = 2000
-
-
-@dataclass(frozen=True)
-class Colored:
-    """What one photograph adds.
-
-    Attributes
-    ----------
-    index : (m,) int64 which samples, none twice.
-    colors : (m, 3) float64 linear.
-    weights : (m,) float64 ≥ 0.
-    """
-
-    index: NDArray[np.int64]
-    colors: NDArray[np.float64]
-    weights: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        bad = ~(np.isfinite(self.colors).all(axis=1) & (self.weights >= 0.0))
-        if bad.any():
-            raise InputError(
-                "a photograph's colours cannot be blended",
-                found=f"{int(bad.sum())} of {len(bad)} are not finite or have no weight",
-                fix="leave those samples out",
-            )
-
-    @property
-    def levels(self) -> NDArray[np.float64]:
-        """(m,) logarithm of how light they are, whatever their hue."""
-        return level_of(self.colors)
-
-    def within(self, first: int, last: int) -> Colored:
-        """Those of samples in [first, last), counted from ``first``."""
-        which = (self.index >= first) & (self.index < last)
-        return Colored(self.index[which] - first, self.colors[which], self.weights[which])
-
-
-def level_of(colors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logarithm (n,) of the mean of linear channels (n, 3)."""
-    return np.asarray(np.log(np.maximum(colors.mean(axis=1), _DARKEST)))
-
-
-def corrected(
-    seen: Observations,
-    points: NDArray[np.float64],
-    camera_from_world: Matrix4,
-    light: FlashLight,
-    gain: float,
-) -> Colored:
-    """The albedo of what a photograph saw in a flash's light.
-
-    The weight grows with the light: half the light has twice the noise of its photons, relative
-    to what it tells.
-
-    Parameters
-    ----------
-    points : (m, 3) of the samples seen, in the world.
-    gain : value of a white diffuser that gets light 1.
-    """
-    places = apply(camera_from_world, points)
-    normals = seen.normals.astype(np.float64)
-    received = light.received(places, normals)
-    trust = incidence_trust(light.incidence(places, normals))
-    weights = seen.weights * trust * received * _mirror_trust(light, places, normals)
-    kept = (received > 0.0) & (weights > 0.0)
-    colors = albedo(seen.values[kept], received[kept], gain)
-    return Colored(seen.index[kept], colors, weights[kept])
-
-
-def uncorrected(seen: Observations, gain: float) -> Colored:
-    """What a photograph saw, in whatever light it was taken."""
-    return Colored(seen.index, seen.values / np.float64(gain), seen.weights.astype(np.float64))
 
 
 class BlendSums:
@@ -162,7 +83,7 @@ class Blending:
     photos : (n,) int32 photographs that see a sample.
     scatter : (n,) float64 standard deviation of the logarithm over photographs, before any was
         doubted; NaN where fewer than two tell.
-    sigma : spread of that logarithm about the result, over all samples, robustly.
+    sigma : robust spread of that logarithm about the middle, over all samples.
     doubted : share of the weight that did not count in the end.
     """
 
@@ -175,70 +96,61 @@ class Blending:
 
 
 def blended(
-    photos: Iterable[Colored], count: int, robust_rounds: int = 2, least_weight: float = 0.0
+    photos: Iterable[Colored],
+    count: int,
+    robust: Literal["median", "none"] = "median",
+    least_weight: float = 0.0,
 ) -> Blending:
     """Blend photographs.
 
     Parameters
     ----------
-    photos : iterated twice, and twice more per robust round; only one is held at a time.
+    photos : iterated several times; only one is held at a time.
     count : number of samples.
-    robust_rounds : how often photographs count less where they tell something else than most:
-        highlights, shadows nobody foresaw. 0 takes the mean.
+    robust : let photographs count less where they differ from the median of all, as highlights
+        do, and shadows nobody foresaw; or take the mean as it is.
     least_weight : samples with less than this share of the median weight are taken for unseen:
         the rim of what photographs tell is the worst of it.
     """
     sums = BlendSums(count)
     for photo in photos:
         sums.add(photo)
-    scatter, all_weights, seen_by = sums.scatter, sums.weights, sums.photos
-    sigma = _spread(photos, sums)
-    for _ in range(robust_rounds):
-        again = BlendSums(count)
+    final, middle, doubted = sums, sums.mean_levels, 0.0
+    if robust == "median":
+        middle = median_levels(photos, sums.photos)
+    sigma = _spread(photos, middle, sums.photos)
+    if robust == "median":
+        final = BlendSums(count)
         for photo in photos:
-            again.add(_doubted(photo, sums, sigma))
-        sums = again
-        sigma = _spread(photos, sums)
-    total = float(all_weights.sum())
-    doubted = 1.0 - float(sums.weights.sum()) / total if total > 0.0 else 0.0
-    told = sums.weights > 0.0
+            final.add(_doubted(photo, middle, sigma))
+        total = float(sums.weights.sum())
+        doubted = 1.0 - float(final.weights.sum()) / total if total > 0.0 else 0.0
+    told = final.weights > 0.0
     if told.any():
-        told &= all_weights >= least_weight * np.median(all_weights[told])
+        told &= sums.weights >= least_weight * np.median(sums.weights[told])
     return Blending(
-        np.where(told[:, None], sums.mean_colors, np.nan),
-        np.where(told, sums.weights, 0.0),
-        np.where(told, seen_by, 0).astype(np.int32),
-        np.where(told, scatter, np.nan),
+        np.where(told[:, None], final.mean_colors, np.nan),
+        np.where(told, final.weights, 0.0),
+        np.where(told, sums.photos, 0).astype(np.int32),
+        np.where(told, sums.scatter, np.nan),
         sigma,
         doubted,
     )
 
 
-def _doubted(photo: Colored, sums: BlendSums, sigma: float) -> Colored:
-    """The photograph, less of it where it differs from the mean of all so far."""
-    away = (photo.levels - sums.mean_levels[photo.index]) / (_DOUBTFUL_SIGMAS * sigma)
+def _doubted(photo: Colored, middle: NDArray[np.float64], sigma: float) -> Colored:
+    """The photograph, less of it where it differs from the middle (n,) of all."""
+    away = (photo.levels - middle[photo.index]) / (_DOUBTFUL_SIGMAS * sigma)
     return Colored(photo.index, photo.colors, photo.weights / (1.0 + away**2) ** 2)
 
 
-def _spread(photos: Iterable[Colored], sums: BlendSums) -> float:
-    """Robust sigma of levels about their means, where a mean rests on several photographs."""
-    residuals = []
+def _spread(
+    photos: Iterable[Colored], middle: NDArray[np.float64], counts: NDArray[np.int32]
+) -> float:
+    """Robust sigma of levels about the middle (n,), where several photographs tell."""
+    residuals = [np.zeros(0)]
     for photo in photos:
         step = max(1, len(photo.index) // _RESIDUALS_PER_PHOTO)
         at = photo.index[::step]
-        shared = sums.photos[at] > 2
-        residuals.append((photo.levels[::step] - sums.mean_levels[at])[shared])
-    together = np.concatenate(residuals) if residuals else np.zeros(0)
-    return max(robust_sigma(together), _LEAST_SIGMA)
-
-
-def _mirror_trust(
-    light: FlashLight, places: NDArray[np.float64], normals: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(m,) how little of a highlight there can be; small where the flash would mirror itself."""
-    to_flash, to_camera = light.position_in_camera - places, -places
-    half = to_flash / np.maximum(np.linalg.norm(to_flash, axis=1, keepdims=True), _TINY)
-    half += to_camera / np.maximum(np.linalg.norm(to_camera, axis=1, keepdims=True), _TINY)
-    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), _TINY)
-    away = 1.0 - np.minimum((half * normals).sum(axis=1) ** 2, 1.0)
-    return np.asarray(1.0 - _HIGHLIGHT * np.exp(-away / _HIGHLIGHT_SINE**2))
+        residuals.append((photo.levels[::step] - middle[at])[counts[at] > 2])
+    return max(robust_sigma(np.concatenate(residuals)), _LEAST_SIGMA)

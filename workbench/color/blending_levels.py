@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.color.blending import BlendSums, Colored
+from workbench.color.blending import BlendSums
+from workbench.color.blending_colors import Colored
 
 
 def leveled_gains(photos: Iterable[Colored], count: int, rounds: int = 8) -> NDArray[np.float64]:

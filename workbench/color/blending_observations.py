@@ -117,7 +117,9 @@ def observed(photo: WeighedPhoto, blocks: Iterable[Block]) -> Observations:
 def _observed(photo: WeighedPhoto, block: Block) -> Observations:
     view = photo.view
     pixels, depths = view.camera.project(block.points)
-    seen = np.flatnonzero(view.which_are_seen(pixels, depths))
+    # The back of a thin wall lies as near to what is seen as its front, but faces away.
+    facing = (block.normals * (view.camera.center - block.points)).sum(axis=1) > 0.0
+    seen = np.flatnonzero(facing & view.which_are_seen(pixels, depths))
     pixels, depths = pixels[seen], depths[seen]
     footprint = depths / view.focal_px
     spacing_px = block.spacing[seen] / footprint

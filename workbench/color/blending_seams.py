@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.color.blending import Colored
+from workbench.color.blending_colors import Colored
 from workbench.geometry.robust import robust_sigma
 
 _MOST_EDGES = 1_000_000
