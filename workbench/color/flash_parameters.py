@@ -15,9 +15,10 @@ FALLOFF_COEFFICIENTS = 5
 """The falloff that is fitted is of second degree: a beam with its own axis and widths."""
 
 # Lengths are in median distances of the samples. A flash is held within about half of one, and
-# its beam loses about half of its light; so wide a guess moves nothing that photographs tell,
-# and keeps in bounds what they do not.
-_POSITION_SIGMA, _FALLOFF_SIGMA = 0.5, 3.0
+# its beam loses about half of its light and points about where the lens does; so wide a guess
+# moves nothing that photographs tell, and keeps in bounds what they do not.
+_POSITION_SIGMA = 0.5
+_FALLOFF_SIGMAS = np.array([0.5, 0.5, 3.0, 3.0, 3.0])
 _SQUARED_ROUGHNESS_SIGMA, _INDIRECT_SIGMA = 0.3, 0.3
 _DIFFERENCE = 1e-5
 _MOST_SQUARED_ROUGHNESS, _MOST_INDIRECT = 1.0, 1.0
@@ -41,7 +42,7 @@ class FlashParameters:
         """(k,) inverse variances of the numbers about 0, before anything is seen."""
         return self._stacked(
             np.full(3, _POSITION_SIGMA**-2.0),
-            np.full(FALLOFF_COEFFICIENTS, _FALLOFF_SIGMA**-2.0),
+            _FALLOFF_SIGMAS**-2.0,
             _SQUARED_ROUGHNESS_SIGMA**-2.0,
             _INDIRECT_SIGMA**-2.0,
         )
