@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from workbench.color.flash_light import FlashLight, incidence_trust
 from workbench.color.flash_observations import (
     FlashObservations,
     LogObservations,
+    NoFlashEstimate,
     usable_observations,
 )
 from workbench.color.flash_parameters import FlashParameters, FlashTerm
@@ -107,16 +107,6 @@ class FlashEstimate:
         return tuple(told)
 
 
-@dataclass(frozen=True)
-class NoFlashEstimate:
-    """Why the photographs do not tell the flash."""
-
-    reason: str
-
-    def __bool__(self) -> Literal[False]:
-        return False
-
-
 def estimated_flash(
     seen: FlashObservations,
     *,
@@ -147,8 +137,8 @@ def estimated_flash(
             found=f"{gain_sigma}, {epsilon}",
         )
     usable = usable_observations(seen)
-    if isinstance(usable, str):
-        return NoFlashEstimate(usable)
+    if isinstance(usable, NoFlashEstimate):
+        return usable
     ready, _, photos, distance = usable
     spare = len(ready.sample) - ready.samples - ready.photos
     if spare < _FEWEST_SPARE:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,9 +141,19 @@ class LogObservations:
         return np.asarray(values - (0.5 * (values[low] + values[high]))[self.sample])
 
 
+@dataclass(frozen=True)
+class NoFlashEstimate:
+    """Why the photographs do not tell the flash."""
+
+    reason: str
+
+    def __bool__(self) -> Literal[False]:
+        return False
+
+
 def usable_observations(
     seen: FlashObservations,
-) -> tuple[LogObservations, NDArray[np.int64], NDArray[np.int64], float] | str:
+) -> tuple[LogObservations, NDArray[np.int64], NDArray[np.int64], float] | NoFlashEstimate:
     """What of the observations can tell of the flash.
 
     Left out are those that are dark, not finite or without weight, samples that one photograph
@@ -160,12 +171,12 @@ def usable_observations(
         sound &= np.isfinite(seen.places_in_camera).all(axis=1) & (np.abs(length - 1.0) < 0.01)
     chosen = np.flatnonzero(sound)
     if not len(chosen):
-        return "no sample has light, a place, a normal and a weight"
+        return NoFlashEstimate("no sample has light, a place, a normal and a weight")
     chosen = chosen[_seen_again(seen.sample[chosen], seen.photo[chosen])]
     if not len(chosen):
         if len(np.unique(seen.photo[sound])) == 1:
-            return "one photograph alone does not tell the flash from the colours"
-        return "no sample of the surface is seen in two photographs"
+            return NoFlashEstimate("one photograph alone does not tell the flash from the colours")
+        return NoFlashEstimate("no sample of the surface is seen in two photographs")
     chosen = chosen[_joined(seen.sample[chosen], seen.photo[chosen])]
     chosen = chosen[np.argsort(seen.photo[chosen], kind="stable")]
     samples, sample = np.unique(seen.sample[chosen], return_inverse=True)
@@ -173,7 +184,7 @@ def usable_observations(
     places = np.asarray(seen.places_in_camera[chosen], np.float64)
     distance = float(np.median(np.linalg.norm(places, axis=1)))
     if distance <= 0.0:
-        return "the samples lie at the camera"
+        return NoFlashEstimate("the samples lie at the camera")
     ready = LogObservations(
         sample.astype(np.int64),
         photo.astype(np.int64),
