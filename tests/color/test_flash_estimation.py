@@ -82,6 +82,15 @@ def test_without_a_needed_term_the_flash_is_misplaced() -> None:
     assert error_mm(found(scene, terms=())) > 10.0
 
 
+def test_a_known_roughness_stays_and_places_the_flash() -> None:
+    scene = flash_scene(1, sigma=0.35, outliers=0.05, gain_sigma=0.2)
+    estimate = found(scene, roughness_rad=0.35)
+    assert estimate.light.roughness_rad == 0.35
+    assert kept(estimate) == set()
+    assert error_mm(estimate) < 3.0
+    assert error_mm(found(scene, terms=())) > 100.0
+
+
 def test_light_falls_as_told_wherever_the_estimate_is_used() -> None:
     """The albedo, up to one factor: what the estimate is for."""
     scene = flash_scene(3, sigma=0.35, beam=0.4, outliers=0.05, gain_sigma=0.2)
@@ -226,7 +235,12 @@ def test_unequal_numbers_and_impossible_options_are_errors() -> None:
         replace(seen, values=seen.values[1:])
     with pytest.raises(InputError, match="from 0"):
         replace(seen, photo=seen.photo - 1)
-    for options in ({"gain_sigma": 0.0}, {"gain_sigma": np.nan}, {"epsilon": 2.0}):
+    for options in (
+        {"gain_sigma": 0.0},
+        {"gain_sigma": np.nan},
+        {"epsilon": 2.0},
+        {"roughness_rad": 9.0},
+    ):
         with pytest.raises(InputError):
             estimated_flash(seen, **options)
 

@@ -18,11 +18,13 @@ from workbench.color.flash_light import FlashLight, incidence_trust
 from workbench.color.flash_observations import (
     FlashObservations,
     LogObservations,
-    NoFlashEstimate,
     usable_observations,
 )
+from workbench.color.flash_observations import (
+    NoFlashEstimate as NoFlashEstimate,
+)
 from workbench.color.flash_parameters import FlashParameters, FlashTerm
-from workbench.color.flash_terms import TermTrial, chosen_terms, with_terms_only
+from workbench.color.flash_terms import TermTrial, chosen_terms, given_up
 from workbench.errors import InputError
 
 # Lengths are in median distances of the samples from the camera.
@@ -113,6 +115,7 @@ def estimated_flash(
     gain_sigma: float = np.inf,
     terms: Sequence[FlashTerm] = ("falloff", "roughness", "indirect"),
     epsilon: float = 0.0,
+    roughness_rad: float = 0.0,
 ) -> FlashEstimate | NoFlashEstimate:
     """Position, gains and further terms of the flash that lit the observations.
 
@@ -126,16 +129,18 @@ def estimated_flash(
     terms : that may be tried beyond position and gains.
     epsilon : of eq. 3.2, which stays as it is. It is there to guard a division, and moves the
         position when it is part of the model: 0 is the physical light.
+    roughness_rad : of the surface, where it is known; it stays as it is, and is no term.
 
     Raises
     ------
     InputError : a number is out of its range.
     """
-    if not gain_sigma > 0.0 or not 0.0 <= epsilon <= 1.0:
-        raise InputError(
-            "the spread of the gains must be positive and ε within [0, 1]",
-            found=f"{gain_sigma}, {epsilon}",
-        )
+    if not gain_sigma > 0.0:
+        raise InputError("the spread of the gains must be positive", found=str(gain_sigma))
+    if roughness_rad > 0.0:
+        terms = [term for term in terms if term != "roughness"]
+    # Raises where a number is out of its range.
+    bare = FlashLight(np.zeros(3), epsilon=epsilon, roughness_rad=roughness_rad)
     usable = usable_observations(seen)
     if isinstance(usable, NoFlashEstimate):
         return usable
@@ -148,13 +153,13 @@ def estimated_flash(
         )
     rng = np.random.default_rng(0)
     few, some, more = (_some(ready, most, rng) for most in (_FEW, _SOME, _MORE))
-    found = _searched(few, tuple(terms), gain_sigma, epsilon)
+    found = _searched(few, bare, tuple(terms), gain_sigma)
     model = FlashParameters(True, tuple(terms))
     fit = fitted_flash(some, model, found.light, found.log_gains, gain_sigma, _LAST_STEPS)
     halves = rng.random(some.samples) < 0.5
     kept, trials = chosen_terms(some, halves, fit, tuple(terms), gain_sigma)
     parameters = FlashParameters(True, kept)
-    full, start = fit.light, with_terms_only(fit.light, kept)
+    full, start = fit.light, given_up(fit.light, tuple(terms), kept)
     fit = fitted_flash(more, parameters, start, fit.log_gains, gain_sigma, _LAST_STEPS)
     # What light there is, so many tell as well as all; of its strength, each tells its own.
     final = fitted_flash(
@@ -230,7 +235,7 @@ def _some(seen: LogObservations, most: int, rng: np.random.Generator) -> LogObse
 
 
 def _searched(
-    seen: LogObservations, terms: tuple[FlashTerm, ...], gain_sigma: float, epsilon: float
+    seen: LogObservations, bare: FlashLight, terms: tuple[FlashTerm, ...], gain_sigma: float
 ) -> FlashFit:
     """The best fit of a model with all terms, started from the lens and from around it."""
     angles = 2.0 * np.pi * np.arange(_ROUND) / _ROUND
@@ -240,7 +245,7 @@ def _searched(
         fitted_flash(
             seen,
             FlashParameters(True, model),
-            FlashLight(place, epsilon=epsilon),
+            replace(bare, position_in_camera=place),
             none,
             gain_sigma,
             _SEARCH_STEPS,

@@ -58,11 +58,11 @@ def chosen_terms(
     """
     kept = terms
     trials: list[TermTrial] = []
-    with_all = _held_out_losses(seen, halves, full, kept, gain_sigma)
+    with_all = _held_out_losses(seen, halves, full, terms, kept, gain_sigma)
     while kept:
         shorter = {gone: tuple(term for term in kept if term != gone) for gone in kept}
         losses = {
-            gone: _held_out_losses(seen, halves, full, left, gain_sigma)
+            gone: _held_out_losses(seen, halves, full, terms, left, gain_sigma)
             for gone, left in shorter.items()
         }
         least = min(kept, key=lambda term: float(losses[term].mean()))
@@ -89,13 +89,16 @@ def _trial(
     return TermTrial(term, *spreads, certainty, worth and certainty > _LEAST_CERTAINTY)
 
 
-def with_terms_only(light: FlashLight, terms: tuple[FlashTerm, ...]) -> FlashLight:
-    """The light without the terms that are not named."""
+def given_up(
+    light: FlashLight, terms: tuple[FlashTerm, ...], kept: tuple[FlashTerm, ...]
+) -> FlashLight:
+    """The light without those of the terms that are not kept; what was no term stays."""
+    gone = set(terms) - set(kept)
     return replace(
         light,
-        falloff=light.falloff if "falloff" in terms else (),
-        roughness_rad=light.roughness_rad if "roughness" in terms else 0.0,
-        indirect=light.indirect if "indirect" in terms else 0.0,
+        falloff=() if "falloff" in gone else light.falloff,
+        roughness_rad=0.0 if "roughness" in gone else light.roughness_rad,
+        indirect=0.0 if "indirect" in gone else light.indirect,
     )
 
 
@@ -103,12 +106,13 @@ def _held_out_losses(
     seen: LogObservations,
     halves: NDArray[np.bool_],
     base: FlashFit,
+    all_terms: tuple[FlashTerm, ...],
     terms: tuple[FlashTerm, ...],
     gain_sigma: float,
 ) -> NDArray[np.float64]:
     """Capped mean square (samples,) of every sample, foretold by the half it is not in."""
     losses = np.zeros(seen.samples)
-    start = with_terms_only(base.light, terms)
+    start = given_up(base.light, all_terms, terms)
     # Weights and cap are the base's, so that no model gains by trusting less.
     trust = seen.weights * incidence_trust(base.light.incidence(seen.places, seen.normals))
     for half in (halves, ~halves):
