@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.color.anchoring import anchored_level
+from stages.color.cloud import colored_cloud, see_cloud
 from stages.color.flashing import FoundFlash, found_flash, with_leveled_gains
 from stages.color.items import light_photo, see_photo, surface_mesh
 from stages.color.options import ColorOptions
@@ -90,11 +91,13 @@ def run(job: Job[ColorOptions]) -> StageResult:
         "flash",
         flash_document(flash, {**flashed.gains, **unlit.gains}, unlit.names, level, subject.space),
     )
+    of_the_cloud = _cloud(job, subject, flash, flashed, unlit)
     metrics = [
         Metric("photographs", len(subject.payloads), "", "Photographs blended."),
         Metric("without_flash", len(unlit.names), "", "Of them, taken without flash."),
         *flash_metrics(flash),
         *color_metrics(blending, inpainting, colors, seams),
+        *of_the_cloud,
         Metric("photo_seconds", subject.seconds, "s", "Time per photograph, median."),
     ]
     warnings = color_warnings(flash, unlit.names, level, inpainting)
@@ -184,13 +187,11 @@ def _lit(
     if flash.light is None:
         products.remove_items_except("photo_lighting", set())
         return with_leveled_gains(flash, photos), photos
-    step = _SHADOW_STEP * flash.light.reference_distance
-    place = (np.rint(flash.light.position_in_camera / step) * step).tolist()
     asked = ("name", "surface", "size", "image_px", "camera")
     items = {
         name: {key: subject.payloads[name][key] for key in asked}
         | {
-            "flash": place,
+            "flash": _shadow_place(flash),
             "feather": job.options.feather,
             "seen": products.content_hash("photo_observations", name),
         }
@@ -201,6 +202,39 @@ def _lit(
     photos = replace(photos, light=flash.light)
     flash = with_leveled_gains(flash, photos)
     return flash, photos
+
+
+def _shadow_place(flash: FoundFlash) -> list[float] | None:
+    """Where the flash is taken to be for its shadows, in the camera; None without a flash."""
+    if flash.light is None:
+        return None
+    step = _SHADOW_STEP * flash.light.reference_distance
+    place: list[float] = (np.rint(flash.light.position_in_camera / step) * step).tolist()
+    return place
+
+
+def _cloud(
+    job: Job[ColorOptions],
+    subject: _Subject,
+    flash: FoundFlash,
+    flashed: Photographs,
+    unlit: Photographs,
+) -> list[Metric]:
+    """Colour the cloud too, where the samples are in one."""
+    products = job.products
+    if products.load_if_there("sample_cloud") is None:
+        products.remove_items_except("cloud_observations", set())
+        return []
+    content = products.content_hash("sample_cloud")
+    items = {
+        name: payload
+        | {"cloud": content, "flash": _shadow_place(flash) if name in flashed.names else None}
+        for name, payload in subject.payloads.items()
+    }
+    job.tasks.map_items("looking at the cloud", see_cloud, items)
+    products.remove_items_except("cloud_observations", set(items))
+    with job.progress.step("blending onto the cloud"):
+        return colored_cloud(job, (flashed, unlit))
 
 
 def _leveled_onto(photos: Photographs, others: Photographs) -> Photographs:
@@ -259,10 +293,20 @@ COLOR = Stage(
     summary="Blends the photographs onto the surface, free of their flash, and inpaints the rest.",
     options=ColorOptions,
     reads=(
-        *("geometry_file", "surface", "photo_poses", "photo_inventory", "color_calibration"),
+        *(
+            "geometry_file",
+            "surface",
+            "sample_cloud",
+            "photo_poses",
+            "photo_inventory",
+            "color_calibration",
+        ),
         *("developed_photos", "unclipped_masks", "photo_masks"),
     ),
-    writes=("photo_observations", "photo_lighting", "flash", "surface_color"),
+    writes=(
+        *("photo_observations", "photo_lighting", "cloud_observations"),
+        *("flash", "surface_color", "colored_cloud"),
+    ),
     needed=needed,
     run=run,
     libraries=("numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless"),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from workbench.pipeline.tasks import ItemProducts, Payload
 
 if TYPE_CHECKING:
+    from workbench.color.blending_observations import WeighedPhoto
     from workbench.color.blending_samples import PlainBlock
     from workbench.geometry.mesh import TriangleMesh
     from workbench.geometry.photo_camera import PhotoCamera
@@ -40,22 +41,27 @@ class ReadySurface:
 
 def see_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     """What a photograph shows of every vertex it sees, and how far that is to be trusted."""
-    from workbench.color.blending_observations import observed, weighed_photo
+    from workbench.color.blending_observations import observed
+
+    start = perf_counter()
+    surface = ready_surface(products, payload["surface"])
+    found = observed(weighed(products, payload, surface), surface.blocks)
+    products.save("photo_observations", found.arrays(), payload["name"])
+    return {"samples": len(found), "seconds": perf_counter() - start}
+
+
+def weighed(products: ItemProducts, payload: Payload, surface: ReadySurface) -> WeighedPhoto:
+    """A photograph ready to be asked for samples."""
+    from workbench.color.blending_observations import weighed_photo
     from workbench.color.blending_weights import WeightOptions, pixel_weights
     from workbench.color.photo_view import view_of_surface
 
-    start, name = perf_counter(), payload["name"]
-    surface = ready_surface(products, payload["surface"])
     camera = camera_of(payload)
     picture, usable = _picture(products, payload, (camera.width, camera.height))
     view = view_of_surface(surface.rays, surface.normals, camera)
     view = view.smoothed(payload["normal_px"])
     weights = pixel_weights(view, picture, usable, WeightOptions(**payload["weights"]))
-    coarsest = payload["coarsest"] * view.focal_px
-    photo = weighed_photo(view, picture, usable, weights, coarsest)
-    found = observed(photo, surface.blocks)
-    products.save("photo_observations", found.arrays(), name)
-    return {"samples": len(found), "seconds": perf_counter() - start}
+    return weighed_photo(view, picture, usable, weights, payload["coarsest"] * view.focal_px)
 
 
 def light_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:

@@ -33,6 +33,8 @@ class Photographs:
     points : (n, 3) of all samples.
     light : of the flash; None takes colours as photographed.
     gains : name → value of a white diffuser that gets light 1; 1 where nothing is said.
+    cloud_span : None for the vertices of the surface; else the samples [first, last) of the
+        cloud, which ``points`` are, and the shadows are known already.
     """
 
     products: Products
@@ -41,6 +43,7 @@ class Photographs:
     points: NDArray[np.float64]
     light: FlashLight | None = None
     gains: Mapping[str, float] = field(default_factory=dict)
+    cloud_span: tuple[int, int] | None = None
 
     def __iter__(self) -> Iterator[Colored]:
         from workbench.color.blending_colors import corrected, uncorrected
@@ -50,15 +53,21 @@ class Photographs:
             if self.light is None:
                 yield uncorrected(seen, gain)
             else:
-                lit = self.products.load("photo_lighting", name)["lit"]
-                seen = replace(seen, weights=seen.weights * lit)
+                if self.cloud_span is None:
+                    lit = self.products.load("photo_lighting", name)["lit"]
+                    seen = replace(seen, weights=seen.weights * lit)
                 yield corrected(seen, self.points[seen.index], self.poses[name], self.light, gain)
 
     def observations(self, name: str) -> Observations:
         """What one photograph says."""
         from workbench.color.blending_observations import Observations
 
-        return Observations.from_arrays(self.products.load("photo_observations", name))
+        if self.cloud_span is None:
+            return Observations.from_arrays(self.products.load("photo_observations", name))
+        first, last = self.cloud_span
+        seen = Observations.from_arrays(self.products.load("cloud_observations", name))
+        within = seen.chosen(slice(*np.searchsorted(seen.index, [first, last])))
+        return replace(within, index=within.index - first)
 
     def of(self, chosen: Callable[[str], bool]) -> Photographs:
         """Some of them."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.color.blending_colors import Colored
-from workbench.color.blending_votes import median_levels
+from workbench.color.blending_votes import OBSERVATIONS_AT_ONCE, median_levels
 from workbench.geometry.robust import robust_sigma
 
 # Residuals of the logarithm count by half at so many sigmas from the first mean.
@@ -100,6 +100,7 @@ def blended(
     count: int,
     robust: Literal["median", "none"] = "median",
     least_weight: float = 0.0,
+    at_once: int = OBSERVATIONS_AT_ONCE,
 ) -> Blending:
     """Blend photographs.
 
@@ -111,13 +112,15 @@ def blended(
         do, and shadows nobody foresaw; or take the mean as it is.
     least_weight : samples with less than this share of the median weight are taken for unseen:
         the rim of what photographs tell is the worst of it.
+    at_once : observations that are sorted for their medians at once, some 60 bytes each; with
+        more, the photographs pass once for each so many.
     """
     sums = BlendSums(count)
     for photo in photos:
         sums.add(photo)
     final, middle, doubted = sums, sums.mean_levels, 0.0
     if robust == "median":
-        middle = median_levels(photos, sums.photos)
+        middle = median_levels(photos, sums.photos, at_once)
     sigma = _spread(photos, middle, sums.photos)
     if robust == "median":
         final = BlendSums(count)

@@ -45,7 +45,7 @@ class Observations:
         """What `arrays` told."""
         return cls(**{name: arrays[name] for name in cls.__dataclass_fields__})
 
-    def chosen(self, which: NDArray[np.bool_] | NDArray[np.integer]) -> Observations:
+    def chosen(self, which: NDArray[np.bool_] | NDArray[np.integer] | slice) -> Observations:
         """Some of them."""
         return Observations(**{name: values[which] for name, values in self.arrays().items()})
 

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from workbench.color.blending_colors import Colored
 
-# So many observations are sorted at once, some 40 bytes each.
-_AT_ONCE = 20_000_000
+OBSERVATIONS_AT_ONCE = 20_000_000
 _VOTE = 0.25
 
 
 def median_levels(
-    photos: Iterable[Colored], counts: NDArray[np.integer], at_once: int = _AT_ONCE
+    photos: Iterable[Colored], counts: NDArray[np.integer], at_once: int = OBSERVATIONS_AT_ONCE
 ) -> NDArray[np.float64]:
     """Weighted median (n,) of the levels over photographs; NaN where none tells.
 

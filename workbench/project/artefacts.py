@@ -125,6 +125,13 @@ _TABLE = (
         "what each photograph says of the surface",
     ),
     Artefact("photo_lighting", "work/color/lit/{item}.npz", "arrays", "where each flash reaches"),
+    Artefact(
+        "cloud_observations",
+        "work/color/seen_of_cloud/{item}.npz",
+        "arrays",
+        "what each photograph says of the cloud",
+    ),
+    Artefact("colored_cloud", "work/color/samples.cloud", "file", "the cloud with its colours"),
     Artefact("flash", "work/color/flash.json", "json", "the flash and its strength"),
     Artefact(
         "surface_color", "work/color/surface_color.npz", "arrays", "linear colour of the surface"
