@@ -22,8 +22,8 @@ from workbench.geometry.robust import robust_sigma
 _DOUBTFUL_SIGMAS = 2.0
 # However well photographs agree, their values have the noise of single pixels.
 _LEAST_SIGMA = 0.01
-# Residuals that the spread is taken from, per photograph.
-_RESIDUALS_PER_PHOTO = 2000
+# Residuals that the spread is taken from, of all photographs.
+_RESIDUALS = 200_000
 
 
 class BlendSums:
@@ -152,8 +152,8 @@ def _spread(
 ) -> float:
     """Robust sigma of levels about the middle (n,), where several photographs tell."""
     residuals = [np.zeros(0)]
+    step = max(1, int(counts.sum(dtype=np.int64)) // _RESIDUALS)
     for photo in photos:
-        step = max(1, len(photo.index) // _RESIDUALS_PER_PHOTO)
         at = photo.index[::step]
         residuals.append((photo.levels[::step] - middle[at])[counts[at] > 2])
     return max(robust_sigma(np.concatenate(residuals)), _LEAST_SIGMA)
