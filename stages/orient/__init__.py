@@ -67,7 +67,7 @@ class OrientOptions(StageOptions):
         "features (Furukawa and Ponce 2009).",
     )
     patches_per_photo: int = Field(
-        2000, ge=100, le=50_000, description="Patches looked for in each photograph."
+        8000, ge=100, le=50_000, description="Patches looked for in each photograph."
     )
     memory_pixels: int = Field(
         400_000_000,
@@ -125,11 +125,12 @@ def run(job: Job[OrientOptions]) -> StageResult:
             warnings += doubts(found)
             metrics += alignment_metrics(found)
             agreement = silhouette_agreement(products, model, surface)
-            told["silhouette_iou"] = agreement
+            told["silhouettes"] = agreement
             if agreement:
+                beside = [one["beside"] for one in agreement.values()]
                 metrics.append(
-                    Metric("silhouette_iou", float(np.mean(list(agreement.values()))), "",
-                           "Agreement of masks with the surface as the cameras see it, mean.")
+                    Metric("mask_beside_surface", float(np.mean(beside)), "",
+                           "Share of the masks where the cameras see no surface, mean.")
                 )  # fmt: skip
     told["photos"] = told_poses(model, alignment)
     products.save("photo_poses", told)
@@ -327,7 +328,7 @@ def _write_colmap(job: Job[OrientOptions], model: ColmapModel) -> None:
 
 ORIENT = Stage(
     name="orient",
-    version=1,
+    version=2,
     summary="Finds where photographs were taken from, and adjusts them to the surface.",
     options=OrientOptions,
     reads=(

@@ -53,8 +53,15 @@ def doubts(found: Alignment) -> list[str]:
 
 def silhouette_agreement(
     products: Products, model: ColmapModel, surface: TriangleMesh
-) -> dict[str, float]:
-    """Agreement (intersection over union) of each mask with the surface as its camera sees it."""
+) -> dict[str, dict[str, float]]:
+    """How each mask agrees with the surface as its camera sees it.
+
+    Returns
+    -------
+    By photograph ``beside``, the share of the mask where there is no surface, which tells of a
+    wrong camera, and ``hidden``, the share of the surface that is masked: supports before it
+    and shadows are, too.
+    """
     import cv2
 
     from workbench.geometry.surface_rays import SurfaceRays
@@ -71,7 +78,10 @@ def silhouette_agreement(
             products.load("photo_masks", name), seen.shape[::-1], interpolation=cv2.INTER_AREA
         )
         kept = mask > 127
-        found[name] = float((kept & seen).sum() / max(1, (kept | seen).sum()))
+        found[name] = {
+            "beside": float((kept & ~seen).sum() / max(1, kept.sum())),
+            "hidden": float((seen & ~kept).sum() / max(1, seen.sum())),
+        }
     return found
 
 

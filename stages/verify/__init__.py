@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -81,13 +81,15 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     products, options = job.products, job.options
     surface = _surface(job)
     metrics, warnings = _exported(job)
-    truth, comparison, name, found = _truth(job, surface)
-    metrics += found
+    known = _known(job, surface)
+    metrics += known.metrics
     records = [products.load("records", item) for item in _in_order(job)]
     records += [{"stage": s, "state": "left out", "reason": r} for s, r in job.left_out.items()]
     own = {"stage": "verify", "metrics": [m.as_dict() for m in metrics], "warnings": warnings}
     photographs, unread = _photographs(job, records)
     masks, found = masks_chapter(job.products, job.scene.truth)
+    metrics += found
+    cameras, found = orientation_chapter(products, surface, known.model_from_world)
     metrics += found
     warnings += unread
     with job.progress.step("pictures and plots"):
@@ -99,13 +101,13 @@ def run(job: Job[VerifyOptions]) -> StageResult:
             up=options.up,
             front_deg=options.front_deg,
             **_measured(job, surface),
-            truth=truth,
-            comparison=comparison,
-            reference_name=name,
+            truth=known.surface,
+            comparison=known.comparison,
+            reference_name=known.name,
             further_sections=(
                 *development_chapter(products),
                 *masks,
-                *orientation_chapter(products, surface),
+                *cameras,
                 *photographs,
             ),
             citations=_CITATIONS,
@@ -184,10 +186,27 @@ def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
     return found
 
 
-def _truth(
-    job: Job[VerifyOptions], surface: TriangleMesh
-) -> tuple[TriangleMesh | None, TruthComparison | None, str, list[Metric]]:
-    """What is known of the true surface, in the frame of the model."""
+@dataclass(frozen=True)
+class _Known:
+    """What is known of the true surface, in the frame of the model.
+
+    Attributes
+    ----------
+    surface : to compare with; None where nothing is known.
+    comparison : against simulated truth.
+    name : what the surface is called.
+    metrics : of the comparison.
+    model_from_world : 4×4, from the simulation's own coordinates to the model's.
+    """
+
+    surface: TriangleMesh | None = None
+    comparison: TruthComparison | None = None
+    name: str = ""
+    metrics: tuple[Metric, ...] = ()
+    model_from_world: Matrix4 | None = None
+
+
+def _known(job: Job[VerifyOptions], surface: TriangleMesh) -> _Known:
     from workbench.formats.surface_files import read_surface
     from workbench.verification.reference import reference_metrics
     from workbench.verification.truth import compare_to_truth, infill_flagging
@@ -209,14 +228,15 @@ def _truth(
         spacing = products.load("simulation")["nominal_sample_spacing_m"]
         compared = compare_to_truth(surface, truth, samples=job.options.samples)
         flagged = infill_flagging(surface, truth, hits, spacing, samples=job.options.samples)
-        metrics = poses.metrics() + compared.metrics() + flagged.metrics()
-        return truth, compared, "simulated truth", metrics
+        metrics = (*poses.metrics(), *compared.metrics(), *flagged.metrics())
+        model_from_world = poses.estimate_from_truth @ rigid(np.eye(3), -origin)
+        return _Known(truth, compared, "simulated truth", metrics, model_from_world)
     paths = products.input_paths("reference_file")
     if not paths:
-        return None, None, "", []
+        return _Known()
     reference = read_surface(paths[0])
     reference = replace(reference, vertices=reference.vertices - origin)
-    return reference, None, paths[0].name, reference_metrics(surface, reference)
+    return _Known(reference, None, paths[0].name, tuple(reference_metrics(surface, reference)))
 
 
 def _compared_poses(job: Job[VerifyOptions], inventory: Mapping[str, Any]) -> Any:

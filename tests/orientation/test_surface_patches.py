@@ -51,7 +51,8 @@ def scene():
 
 def test_patches_are_found_to_a_twentieth_of_a_pixel_and_not_too_deep(scene):
     model, pictures, rays = scene
-    found = with_surface_patches(model, pictures, {}, rays, OPTIONS)
+    patched = with_surface_patches(model, pictures, {}, rays, OPTIONS)
+    found = patched.model
     assert len(found.points) > 150
     bundle = Bundle.of(found, 10_000)
     apart = bundle.projected() - bundle.pixels
@@ -70,7 +71,8 @@ def test_a_wrong_camera_is_seen_by_its_patches(scene):
     pose = model.images[2].camera_from_world.copy()
     pose[0, 3] += 1.5e-3
     off = dict(model.images) | {2: replace(model.images[2], camera_from_world=pose)}
-    found = with_surface_patches(replace(model, images=off), pictures, {}, rays, OPTIONS)
+    moved = replace(model, images=off)
+    found = with_surface_patches(moved, pictures, {}, rays, OPTIONS).model
     bundle = Bundle.of(found, 10_000)
     apart = bundle.projected() - bundle.pixels
     in_two = bundle.seen_image == 1
@@ -84,7 +86,7 @@ def test_masks_and_reduced_pictures(scene):
     masks = {n: np.full(p.shape, 255, np.uint8) for n, p in pictures.items()}
     for mask in masks.values():
         mask[:, :400] = 0
-    found = with_surface_patches(model, pictures, masks, rays, OPTIONS)
+    found = with_surface_patches(model, pictures, masks, rays, OPTIONS).model
     pixels = np.concatenate([image.points2d for image in found.images.values()])
     assert len(pixels) > 50
     assert pixels[:, 0].min() > 400
@@ -92,7 +94,7 @@ def test_masks_and_reduced_pictures(scene):
         n: np.asarray(cv2.resize(p, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
         for n, p in pictures.items()
     }
-    reduced = with_surface_patches(model, halves, {}, rays, OPTIONS)
+    reduced = with_surface_patches(model, halves, {}, rays, OPTIONS).model
     bundle = Bundle.of(reduced, 10_000)
     assert len(bundle.points) > 50
     # Still in pixels of the photographs, and as exact in those of the reduced ones.
@@ -103,4 +105,23 @@ def test_masks_and_reduced_pictures(scene):
 def test_without_paint_there_is_nothing_to_follow(scene):
     model, pictures, rays = scene
     blank = {n: np.full_like(p, 128) for n, p in pictures.items()}
-    assert not with_surface_patches(model, blank, {}, rays, OPTIONS).points
+    assert not with_surface_patches(model, blank, {}, rays, OPTIONS).model.points
+
+
+def test_sure_observations_count_for_more_and_shared_noise_is_told(scene):
+    model, pictures, rays = scene
+    dense = with_surface_patches(model, pictures, {}, rays, replace(OPTIONS, apart_px=4.0))
+    spread = with_surface_patches(model, pictures, {}, rays, replace(OPTIONS, apart_px=20.0))
+    assert dense.overlap > 1.5 * spread.overlap > 1.0
+    bundle = Bundle.of(dense.model, 10_000, dense.information)
+    white = np.einsum("mij,mj->mi", bundle.whitening, bundle.projected() - bundle.pixels)
+    known = np.concatenate([dense.information[n] for n in sorted(dense.information)])
+    area = known[:, 0] * known[:, 2] - known[:, 1] ** 2
+    # What is thought the surer half errs less in pixels, and whitening makes all alike.
+    apart = bundle.projected() - bundle.pixels
+    away = np.linalg.norm(apart, axis=1) > 1e-9
+    sure = area > np.median(area[away])
+    raw = robust_sigma(apart[away & ~sure].ravel()) / robust_sigma(apart[away & sure].ravel())
+    even = robust_sigma(white[away & ~sure].ravel()) / robust_sigma(white[away & sure].ravel())
+    assert raw > 1.2
+    assert abs(np.log(even)) < 0.6 * np.log(raw)

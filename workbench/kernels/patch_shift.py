@@ -55,7 +55,7 @@ def patch_shifts(
     target_xy: NDArray[np.float64],
     half: int,
     rounds: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Shifts that bring the target under the reference's patches, by Gauss and Newton.
 
     Brightness and contrast of the two patches are free. Source: Lucas and Kanade 1981; Baker
@@ -76,6 +76,7 @@ def patch_shifts(
     """
     count, size = len(reference_xy), (2 * half + 1) ** 2
     shifts = np.full((count, 2), np.nan)
+    information = np.full((count, 3), np.nan)
     correlation = np.full(count, np.nan)
     template = np.empty(size)
     value = np.empty(size)
@@ -99,6 +100,7 @@ def patch_shifts(
         x, y = 0.0, 0.0
         settled = False
         agreement = np.nan
+        xx, xy, yy, left = 0.0, 0.0, 0.0, 0.0
         for _ in range(rounds):
             for k in range(size):
                 value[k], slope[k, 0], slope[k, 1] = _sampled(
@@ -124,6 +126,7 @@ def patch_shifts(
             if determinant <= 1e-3 * (xx + yy) ** 2:
                 break
             gain = (value * template).mean()
+            left = ((value - gain * template) ** 2).sum() / (size - 4)
             rx = (slope[:, 0] * (gain * template - value)).sum()
             ry = (slope[:, 1] * (gain * template - value)).sum()
             dx = (yy * rx - xy * ry) / determinant
@@ -137,4 +140,8 @@ def patch_shifts(
             shifts[n, 0] = x
             shifts[n, 1] = y
             correlation[n] = agreement
-    return shifts, correlation
+            scale = 1.0 / max(left, 1e-24)
+            information[n, 0] = scale * xx
+            information[n, 1] = scale * xy
+            information[n, 2] = scale * yy
+    return shifts, correlation, information

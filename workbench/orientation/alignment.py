@@ -52,13 +52,14 @@ class AlignmentOptions:
     refine : adjust cameras to the surface; else they are moved and scaled alone.
     patch_rounds : how often patches are followed over the surface anew; 0 keeps to features.
     patches : how they are found.
-    most_points : that take part in an adjustment.
+    most_points, most_patches : that take part in an adjustment, by features and by patches.
     """
 
     refine: bool = True
     patch_rounds: int = 2
     patches: PatchOptions = field(default_factory=PatchOptions)
     most_points: int = 30_000
+    most_patches: int = 100_000
 
 
 @dataclass(frozen=True)
@@ -131,8 +132,13 @@ def aligned(
     for turn in range(options.patch_rounds):
         progress(f"following patches over the surface, {turn + 1} of {options.patch_rounds}")
         patched = with_surface_patches(adjustment.model, pictures, masks, surface, options.patches)
-        near = replace(settings, search=_SEARCH_OF_PATCHES * adjustment.surface_sigma)
-        again = adjusted_to_surface(patched, surface, near)
+        near = replace(
+            settings,
+            search=_SEARCH_OF_PATCHES * adjustment.surface_sigma,
+            most_points=options.most_patches,
+            overlap=patched.overlap,
+        )
+        again = adjusted_to_surface(patched.model, surface, near, information=patched.information)
         if isinstance(again, NotAdjusted):
             break
         adjustment = again

@@ -6,6 +6,7 @@ from central differences of it, which 53 bits leave exact to some nine digits.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,6 +30,8 @@ _DISTORTION_SIGMA, _TANGENTIAL_SIGMA = 0.2, 5e-4
 _TANGENTIAL = ("p1", "p2")
 _STEP = 1e-6
 _POSE = 6
+# Information of one observation against the typical one's, at most.
+_MOST_SURE = 16.0
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,8 @@ class Bundle:
     point_ids, points : (p,) and (p, 3).
     seen_image, seen_point : (m,) rows of image and point of each observation.
     pixels : (m, 2) observed.
+    whitening : (m, 2, 2) what residuals in pixels are multiplied by, so that all are equally
+        sure; the identity is an observation as good as the typical one.
     """
 
     source: ColmapModel
@@ -121,10 +126,22 @@ class Bundle:
     seen_image: NDArray[np.intp]
     seen_point: NDArray[np.intp]
     pixels: Matrices
+    whitening: Matrices
 
     @classmethod
-    def of(cls, model: ColmapModel, most_points: int) -> Bundle:
-        """The unknowns of a model; of many points those with the longest tracks."""
+    def of(
+        cls,
+        model: ColmapModel,
+        most_points: int,
+        information: Mapping[int, Matrices] | None = None,
+    ) -> Bundle:
+        """The unknowns of a model; of many points those with the longest tracks.
+
+        Parameters
+        ----------
+        information : image id → (k, 3), of each of its observations the inverse covariance up
+            to a common factor, xx, xy and yy; without it all count alike.
+        """
         image_ids = tuple(sorted(model.images))
         camera_ids = tuple(sorted({model.images[n].camera_id for n in image_ids}))
         row_of_image = {number: row for row, number in enumerate(image_ids)}
@@ -132,7 +149,7 @@ class Bundle:
         longest = sorted(model.points, key=lambda n: (-len(model.points[n].track), n))
         point_ids = np.array(sorted(longest[:most_points]), np.int64)
         row_of_point = {int(number): row for row, number in enumerate(point_ids)}
-        images, seen, pixels = [], [], []
+        images, seen, pixels, sure = [], [], [], [np.zeros((0, 3))]
         for number in image_ids:
             image = model.images[number]
             rows = np.array(
@@ -142,6 +159,9 @@ class Bundle:
             images.append(np.full(int(known.sum()), row_of_image[number], np.intp))
             seen.append(rows[known])
             pixels.append(image.points2d[known])
+            if information is not None:
+                sure.append(information[number][known])
+        pixel_count = sum(len(part) for part in pixels)
         params = tuple(np.array(model.cameras[n].params, float) for n in camera_ids)
         return cls(
             model,
@@ -156,6 +176,9 @@ class Bundle:
             np.concatenate(images) if images else np.zeros(0, np.intp),
             np.concatenate(seen) if seen else np.zeros(0, np.intp),
             np.concatenate(pixels) if pixels else np.zeros((0, 2)),
+            np.tile(np.eye(2), (pixel_count, 1, 1))
+            if information is None
+            else _whitening(np.concatenate(sure)),
         )
 
     @property
@@ -175,13 +198,13 @@ class Bundle:
         return self._imaged(self._in_cameras(), self.params)
 
     def residuals(self) -> Matrices:
-        """(k, 2) predicted minus observed pixels, of observations before their camera."""
-        apart = self.projected() - self.pixels
+        """(k, 2) predicted minus observed, whitened, of observations before their camera."""
+        apart = self._white(self.projected() - self.pixels)
         return np.asarray(apart[np.isfinite(apart).all(axis=1)])
 
     def cost(self, sigma_px: float, weights: Matrices) -> float:
         """Weighted squares of all reprojections, and of what is believed of the lenses."""
-        apart = np.nan_to_num(self.projected() - self.pixels, nan=1e3)
+        apart = self._white(np.nan_to_num(self.projected() - self.pixels, nan=1e3))
         total = float((weights[:, None] * apart**2).sum()) / sigma_px**2
         for now, belief in zip(self.params, self.beliefs, strict=True):
             total += float((belief.residuals(now) ** 2).sum())
@@ -190,17 +213,18 @@ class Bundle:
     def linearised(self, sigma_px: float) -> Linearised:
         """Normal equations about the present unknowns, in units of the residuals' sigma."""
         local = self._in_cameras()
-        apart = self._imaged(local, self.params) - self.pixels
+        apart = self._white(self._imaged(local, self.params) - self.pixels)
         good: NDArray[np.bool_] = np.asarray(np.isfinite(apart).all(axis=1))
         apart = np.where(good[:, None], apart, 0.0)
         length = np.linalg.norm(apart, axis=1)
         weights = np.where(good, 1.0 / (1.0 + (length / (_CAUCHY * sigma_px)) ** 2), 0.0)
-        by_place = np.nan_to_num(self._by_place(local))
+        by_place = self.whitening @ np.nan_to_num(self._by_place(local))
         by_point = by_place @ self.poses[self.seen_image, :3, :3]
         turned = np.cross(np.eye(3)[None], local[:, None, :])
         # Turning by w moves a place P by w × P = Σ wᵢ (eᵢ × P).
         by_pose = np.concatenate([by_place @ turned.transpose(0, 2, 1), by_place], axis=2)
-        by_camera = self._camera_jacobian(by_pose, self._by_lens(local))
+        by_lens = [self.whitening @ part for part in self._by_lens(local)]
+        by_camera = self._camera_jacobian(by_pose, by_lens)
         weight = weights / sigma_px**2
         rows = np.repeat(weight, 2)
         scaled = sparse.diags_array(rows) @ by_camera
@@ -285,6 +309,9 @@ class Bundle:
             for number, row in row_of_point.items()
         }
         return ColmapModel(cameras, images, points)
+
+    def _white(self, apart: Matrices) -> Matrices:
+        return np.asarray(np.einsum("mij,mj->mi", self.whitening, apart))
 
     def _in_cameras(self) -> Matrices:
         rotation = self.poses[self.seen_image, :3, :3]
@@ -380,3 +407,18 @@ class Bundle:
         for now, belief, where in zip(self.params, self.beliefs, self._lens_slices(), strict=True):
             hessian[where, where] += belief.rows.T @ belief.rows
             gradient[where] += belief.rows.T @ belief.residuals(now)
+
+
+def _whitening(information: Matrices) -> Matrices:
+    """Square roots (m, 2, 2) of inverse covariances (m, 3), the typical one's made 1."""
+    xx, xy, yy = information.T
+    size = np.sqrt(np.maximum(xx * yy - xy * xy, 0.0))
+    typical = float(np.median(size)) if len(size) else 1.0
+    # None counts for many others, however still its patch was.
+    scale = 1.0 / np.maximum(typical, np.maximum(xx, yy) / _MOST_SURE)
+    xx, xy, yy = scale * xx, scale * xy, scale * yy
+    root = np.zeros((len(information), 2, 2))
+    root[:, 0, 0] = np.sqrt(xx)
+    root[:, 0, 1] = xy / root[:, 0, 0]
+    root[:, 1, 1] = np.sqrt(np.maximum(yy - root[:, 0, 1] ** 2, 0.0))
+    return root

@@ -11,7 +11,7 @@ registration of photographs to 3D geometry"; Triggs et al. 2000, "Bundle adjustm
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,12 +52,15 @@ class SurfaceAdjustmentOptions:
     rounds : at most; each finds the nearest places anew and takes one step.
     most_points : those with the longest tracks take part, spread over the photographs.
     tolerance_px : ends when a round moves the images by no more, in the median, nor the points.
+    overlap : how many observations share the noise of each pixel; what is said of the cameras'
+        uncertainty allows for it.
     """
 
     search: float
     rounds: int = 60
     most_points: int = 30_000
     tolerance_px: float = 1e-3
+    overlap: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,7 @@ def adjusted_to_surface(
     surface: SurfaceRays,
     options: SurfaceAdjustmentOptions,
     progress: Callable[[int], None] = lambda done: None,
+    information: Mapping[int, NDArray[np.float64]] | None = None,
 ) -> SurfaceAdjustment | NotAdjusted:
     """Adjust a model that already lies near its surface.
 
@@ -122,8 +126,9 @@ def adjusted_to_surface(
     ----------
     model : in the surface's frame, with the observations of its points.
     progress : told the round.
+    information : how sure each observation is, see `Bundle.of`.
     """
-    bundle = Bundle.of(model, options.most_points)
+    bundle = Bundle.of(model, options.most_points, information)
     if bundle.problem:
         return NotAdjusted(bundle.problem)
     scale, sigma_surface = options.search, options.search / TUKEY
@@ -152,7 +157,9 @@ def adjusted_to_surface(
         )
         scale = max(scale, TUKEY * sigma_surface)
         ties = _ties(bundle, surface, scale, sigma_surface)
-    return _told(bundle, ties, sigma_px, sigma_surface, round_no, converged)
+    return _told(
+        bundle, ties, sigma_px, sigma_surface, round_no, converged, max(options.overlap, 1.0)
+    )
 
 
 def _ties(bundle: Bundle, surface: SurfaceRays, scale: float, sigma: float) -> _Ties:
@@ -287,6 +294,7 @@ def _told(
     sigma_surface: float,
     rounds: int,
     converged: bool,
+    overlap: float,
 ) -> SurfaceAdjustment | NotAdjusted:
     system = bundle.linearised(max(sigma_px, _FINEST_PX))
     hessian = system.point_hessian + (
@@ -298,7 +306,7 @@ def _told(
     values = np.linalg.eigvalsh(scaled)
     if values[0] <= 1e-14 * values[-1]:
         return NotAdjusted("the surface leaves a motion of the photographs open")
-    covariance = np.linalg.inv(scaled) * unit[:, None] * unit[None, :]
+    covariance = overlap * np.linalg.inv(scaled) * unit[:, None] * unit[None, :]
     center_sigma, rotation_sigma = bundle.uncertainty(covariance)
     return SurfaceAdjustment(
         bundle.model(),

@@ -11,6 +11,7 @@ adjustment", which alternates surface, patches and bundle adjustment in this way
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -46,10 +47,38 @@ class PatchOptions:
     most_shift_px : a patch further from where the surface says is not the same.
     """
 
-    per_photo: int = 2000
-    apart_px: float = 4.0
+    per_photo: int = 8000
+    apart_px: float = 2.5
     half_px: int = 6
     most_shift_px: float = 2.5
+
+
+@dataclass(frozen=True)
+class PatchedModel:
+    """Photographs tied by patches.
+
+    Attributes
+    ----------
+    model : cameras as they were, points and observations from patches.
+    information : image id → (k, 3), of each observation the inverse covariance in 1/px² as its
+        patch tells it, xx, xy and yy; right up to a common factor, for neighbouring pixels of
+        smoothed pictures err together.
+    overlap : how many patches a pixel is part of, on average over those in any; as many
+        observations share its noise.
+    """
+
+    model: ColmapModel
+    information: dict[int, NDArray[np.float64]]
+    overlap: float
+
+
+@dataclass(frozen=True)
+class _Sighting:
+    """Where a patch was seen: image, pixel (2,) and information (3,); none where it is from."""
+
+    image: int
+    pixel: NDArray[np.float64]
+    information: NDArray[np.float64] | None = None
 
 
 def with_surface_patches(
@@ -58,7 +87,7 @@ def with_surface_patches(
     masks: Mapping[int, NDArray[np.uint8]],
     surface: SurfaceRays,
     options: PatchOptions | None = None,
-) -> ColmapModel:
+) -> PatchedModel:
     """The same photographs with tie points from patches instead of the model's own.
 
     Parameters
@@ -71,31 +100,34 @@ def with_surface_patches(
 
     Returns
     -------
-    A model whose points are seen by three photographs or more; it may have none.
+    PatchedModel, whose points are seen by three photographs or more; it may have none.
     """
     options = options or PatchOptions()
     numbers = sorted(model.images)
     cameras = {number: _camera_of(model, number, pictures[number].shape) for number in numbers}
     smooth = {n: _smooth(pictures[n], masks.get(n)) for n in numbers}
-    found: dict[int, list[tuple[int, float, float]]] = {}
-    places: list[NDArray[np.float64]] = []
-    for number in numbers:
+
+    def followed(number: int) -> list[tuple[NDArray[np.float64], list[_Sighting]]]:
         patches = _patches(pictures[number], masks.get(number), cameras[number], surface, options)
-        first = len(places)
-        for row, corner in enumerate(patches.corners):
-            found[first + row] = [(number, float(corner[0]), float(corner[1]))]
-        places += list(patches.middles)
+        found = [[_Sighting(number, corner)] for corner in patches.corners]
         for other in numbers:
             if other == number or not len(patches.corners):
                 continue
-            rows, pixels = _matched(
+            rows, seen = _matched(
                 smooth[number], smooth[other], patches, cameras[number], cameras[other],
                 surface, options,
             )  # fmt: skip
-            for row, pixel in zip(rows, pixels, strict=True):
-                found[first + row].append((other, float(pixel[0]), float(pixel[1])))
-    tracks = [(places[k], seen) for k, seen in sorted(found.items()) if len(seen) >= _LEAST_VIEWS]
-    return _rebuilt(model, tracks, cameras)
+            for row, one in zip(rows, seen, strict=True):
+                found[row].append(_Sighting(other, one[:2], one[2:]))
+        return [
+            (place, seen)
+            for place, seen in zip(patches.middles, found, strict=True)
+            if len(seen) >= _LEAST_VIEWS
+        ]
+
+    with ThreadPoolExecutor() as pool:
+        tracks = [track for part in pool.map(followed, numbers) for track in part]
+    return _rebuilt(model, tracks, cameras, options.half_px)
 
 
 @dataclass(frozen=True)
@@ -160,7 +192,10 @@ def _matched(
     surface: SurfaceRays,
     options: PatchOptions,
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Rows of the patches found again in another photograph, and where their middles are."""
+    """Rows of the patches found again in another photograph, and where: (k, 5).
+
+    The pixel of each patch's middle, and the information on it, xx, xy and yy.
+    """
     towards = other.center - patches.middles
     distance = np.linalg.norm(towards, axis=1)
     facing = (patches.normals * towards).sum(axis=1) / distance
@@ -178,9 +213,9 @@ def _matched(
         before = np.linalg.norm(met.points - other.center, axis=1)
         rows = rows[met.found & (before > _NOT_HIDDEN * distance[rows])]
     if not len(rows):
-        return rows, np.zeros((0, 2))
+        return rows, np.zeros((0, 5))
     expected, _ = other.project(patches.places[rows].reshape(-1, 3))
-    shifts, correlation = patch_shifts(
+    shifts, correlation, information = patch_shifts(
         reference,
         target,
         patches.corners[rows] - _MIDDLE,
@@ -191,7 +226,7 @@ def _matched(
     good = (correlation > _LEAST_CORRELATION) & (
         np.linalg.norm(np.nan_to_num(shifts, nan=np.inf), axis=1) < options.most_shift_px
     )
-    return rows[good], (middles[rows] + shifts)[good]
+    return rows[good], np.hstack([(middles[rows] + shifts), information])[good]
 
 
 def _camera_of(model: ColmapModel, number: int, shape: tuple[int, ...]) -> PhotoCamera:
@@ -224,20 +259,32 @@ def _smooth(picture: NDArray[np.uint8], mask: NDArray[np.uint8] | None) -> NDArr
 
 def _rebuilt(
     model: ColmapModel,
-    tracks: list[tuple[NDArray[np.float64], list[tuple[int, float, float]]]],
+    tracks: list[tuple[NDArray[np.float64], list[_Sighting]]],
     cameras: Mapping[int, PhotoCamera],
-) -> ColmapModel:
-    pixels: dict[int, list[tuple[float, float]]] = {n: [] for n in model.images}
+    half_px: int,
+) -> PatchedModel:
+    pixels: dict[int, list[NDArray[np.float64]]] = {n: [] for n in model.images}
+    sure: dict[int, list[NDArray[np.float64]]] = {n: [] for n in model.images}
     owners: dict[int, list[int]] = {n: [] for n in model.images}
+    enlarged = {
+        n: np.array(
+            [
+                model.cameras[model.images[n].camera_id].width / camera.width,
+                model.cameras[model.images[n].camera_id].height / camera.height,
+            ]
+        )
+        for n, camera in cameras.items()
+    }
     points = {}
     for number, (place, seen) in enumerate(tracks, start=1):
         track = []
-        for image, x, y in seen:
-            track.append((image, len(pixels[image])))
-            full = model.cameras[model.images[image].camera_id]
-            seen_by = cameras[image]
-            pixels[image].append((x * full.width / seen_by.width, y * full.height / seen_by.height))
-            owners[image].append(number)
+        # The patch itself is as noisy as where it was found again.
+        own = np.mean([one.information for one in seen if one.information is not None], axis=0)
+        for one in seen:
+            track.append((one.image, len(pixels[one.image])))
+            pixels[one.image].append(one.pixel * enlarged[one.image])
+            sure[one.image].append(own if one.information is None else one.information)
+            owners[one.image].append(number)
         points[number] = ColmapPoint(
             number, place, np.full(3, 128, np.uint8), 0.0, np.array(track, np.int64)
         )
@@ -249,4 +296,28 @@ def _rebuilt(
         )
         for n, image in model.images.items()
     }
-    return ColmapModel(model.cameras, images, points)
+    information = {n: np.array(rows, float).reshape(-1, 3) for n, rows in sure.items()}
+    overlap = _overlap(cameras, tracks, half_px)
+    return PatchedModel(ColmapModel(model.cameras, images, points), information, overlap)
+
+
+def _overlap(
+    cameras: Mapping[int, PhotoCamera],
+    tracks: list[tuple[NDArray[np.float64], list[_Sighting]]],
+    half_px: int,
+) -> float:
+    """How many patches a pixel is part of, on average over those that are part of any."""
+    middles = {
+        n: np.zeros((camera.height, camera.width), np.float32) for n, camera in cameras.items()
+    }
+    for _, seen in tracks:
+        for one in seen:
+            column, row = one.pixel.astype(int)
+            middles[one.image][row, column] += 1.0
+    side = 2 * half_px + 1
+    covered, total = 0, 0.0
+    for middle in middles.values():
+        parts = cv2.boxFilter(middle, -1, (side, side), normalize=False)
+        covered += int((parts > 0.5).sum())
+        total += float(parts.sum())
+    return total / covered if covered else 1.0

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.verification.camera_truth import CameraComparison
 from workbench.verification.photo_sections import matted
 from workbench.verification.report_content import (
     Block,
@@ -47,16 +48,23 @@ class OutlinedPhoto:
     surface: NDArray[np.bool_]
 
 
-def orientation_section(poses: Mapping[str, Any], shown: Sequence[OutlinedPhoto]) -> Section:
+def orientation_section(
+    poses: Mapping[str, Any],
+    shown: Sequence[OutlinedPhoto],
+    truth: CameraComparison | None = None,
+) -> Section:
     """The chapter on cameras.
 
     Parameters
     ----------
     poses : as the stage ``orient`` leaves them.
     shown : some photographs, where they lie in the frame of the surface.
+    truth : how far the cameras are from the simulated ones, where these are known.
     """
     photos = poses["photos"]
     blocks: list[Block] = [Paragraph(_in_words(poses))]
+    if truth is not None:
+        blocks.append(Paragraph(_against_truth(truth)))
     if poses["unplaced"]:
         lost = tuple(f"{name}: {reason}" for name, reason in poses["unplaced"].items())
         blocks.append(TextList(lost, tone="attention"))
@@ -97,13 +105,26 @@ def _in_words(poses: Mapping[str, Any]) -> str:
         if sure
         else ", and left as they came."
     )
-    agreement = list(poses.get("silhouette_iou", {}).values())
-    if agreement:
+    silhouettes = poses.get("silhouettes", {})
+    if silhouettes:
+        beside = {name: 100 * one["beside"] for name, one in silhouettes.items()}
+        hidden = 100 * float(np.mean([one["hidden"] for one in silhouettes.values()]))
+        worst = max(beside, key=lambda name: beside[name])
         text += (
-            f" Masks and the surface as the cameras see it agree to {100 * np.mean(agreement):.1f} "
-            f"% (intersection over union, mean; worst {100 * min(agreement):.1f} %)."
+            f" {100 - np.mean(list(beside.values())):.1f} % of what the masks keep lies on the "
+            "surface as the cameras see it "
+            f"(mean; least, {100 - beside[worst]:.1f} %, in {worst}); "
+            f"{hidden:.1f} % of that surface is masked, by supports before it and by shadows."
         )
     return text
+
+
+def _against_truth(truth: CameraComparison) -> str:
+    return (
+        "Against the simulated cameras, in the scans’ frame: "
+        f"{1e3 * np.median(truth.center_m):.2f} mm and {np.median(truth.rotation_deg):.3f}° in the median, "
+        f"{1e3 * truth.center_m.max():.2f} mm and {truth.rotation_deg.max():.3f}° at the most."
+    )
 
 
 def _table(poses: Mapping[str, Any]) -> Table:
@@ -123,4 +144,5 @@ def _table(poses: Mapping[str, Any]) -> Table:
         Column("place ±", "mm", 2),
         Column("turn ±", "°", 3),
     )
-    return Table(columns, rows, "Standard deviations from the noise of the points alone.")
+    told = "Standard deviations from the noise of the points; neighbouring patches err together."
+    return Table(columns, rows, told)
