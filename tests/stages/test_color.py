@@ -4,19 +4,37 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial import cKDTree
 
 from stages.main import PIPELINE
 from tests.color.blending_scene import FLASH, ball, paint, photographed, ring
 from tests.stages.conftest import metrics_of, workbench
-from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel, write_colmap_text
+from workbench.cloud.layered_cloud import LayeredCloud
+from workbench.color.blending import BlendSums
+from workbench.color.blending_colors import uncorrected
+from workbench.color.blending_observations import observed, weighed_photo
+from workbench.color.blending_samples import blocks_of_mesh
+from workbench.color.blending_weights import WeightOptions, pixel_weights
+from workbench.color.photo_view import view_of_surface
+from workbench.color.spaces import delta_e2000, lab_from_xyz_d50, working_space
+from workbench.formats.colmap import (
+    ColmapCamera,
+    ColmapImage,
+    ColmapModel,
+    read_colmap_text,
+    write_colmap_text,
+)
 from workbench.formats.gltf import linear_from_srgb, srgb_from_linear
 from workbench.formats.surface_files import read_surface, write_surface_ply
+from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.surface_rays import SurfaceRays
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.runner import RunRequest, run_pipeline
 from workbench.project.creation import create_project
@@ -236,3 +254,78 @@ def test_photographs_in_a_frame_of_their_own_colour_nothing(tmp_path):
     assert "not oriented" in warnings_of(project)
     surface = read_surface(project / "exports" / "surface.ply")
     assert (surface.vertex_attributes["color_provenance"] == 2).all()
+
+
+def true_albedo(project: Path, name: str) -> np.ndarray:
+    """Linear picture (h, w, 3) of the paint a simulated photograph shows."""
+    path = project / "truth" / "photos" / "albedo" / f"{name}.png"
+    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    return (stored[..., ::-1] / np.float32(65535)).astype(np.float32)
+
+
+def mean_albedo(project: Path, mesh: TriangleMesh) -> np.ndarray:
+    """The paint (n, 3) around each vertex, blended of the true pictures; NaN where none shows."""
+    rays, blocks = SurfaceRays(mesh), blocks_of_mesh(mesh)
+    normals = np.concatenate([block.normals for block in blocks])
+    model = read_colmap_text(project / "work" / "orient" / "colmap")
+    sums = BlendSums(len(mesh.vertices))
+    for name, camera in model.photo_cameras().items():
+        view = view_of_surface(rays, normals, camera)
+        mask = cv2.imread(str(project / "truth/photos/object" / f"{name}.png"), 0) > 127
+        picture = true_albedo(project, name)
+        weights = pixel_weights(view, picture, mask, WeightOptions(sharpness_power=0.0))
+        seen = observed(weighed_photo(view, picture, mask, weights, 8.0), blocks)
+        sums.add(uncorrected(seen, 1.0))
+    return sums.mean_colors
+
+
+def delta_e_to(truth: np.ndarray, found: dict[str, np.ndarray]) -> float:
+    """Mean ΔE2000 of photographed vertices."""
+    told = (found["color_provenance"] == 0) & np.isfinite(truth).all(axis=1)
+    to_xyz = working_space("rec709").xyz_d50_from_rgb.T
+    ours, theirs = (lab_from_xyz_d50(c[told] @ to_xyz) for c in (found["color"], truth))
+    return float(delta_e2000(ours, theirs).mean())
+
+
+@pytest.mark.slow
+def test_the_statues_paint_from_raw_files(simulated):
+    project = simulated("--scene", "statue", "--seed", "1", "--size", "small",
+                        "--scans", "12", "--photos", "24")  # fmt: skip
+    mask = Path("truth") / "photos" / "object" / "photo_000.png"
+    (project / "masks" / "training").mkdir(parents=True)
+    copyfile(project / mask, project / "masks" / "training" / "photo_000.png")
+    copyfile(project / "truth/masks/scan_00.png", project / "masks/training/scan_00.png")
+    workbench("run", project, "--to", "color")
+    told = metrics_of(project, "color")
+    assert told["photographed_share"] > 85.0
+    assert told["seam_step"] < told["step_noise"]
+    assert told["scatter_corrected"] < 0.3 * told["scatter_as_shot"]
+    assert told["flash_right"] == pytest.approx(-0.13, abs=0.03)
+    truth = mean_albedo(project, Project(project).store.load("surface"))
+    found = colors_of(project)
+    assert delta_e_to(truth, found) < 1.5
+    # The chart anchors the level.
+    sure = (found["color_provenance"] == 0) & np.isfinite(truth).all(axis=1)
+    ratio = found["color"][sure].mean(axis=1) / truth[sure].mean(axis=1)
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
+    # The same samples in a layered cloud: the same colours, finely and from afar.
+    workbench("run", project, "--to", "color", "--set", "fuse.memory_samples=20000")
+    surface = Project(project).store.load("surface")
+    found = colors_of(project)
+    known = found["color_provenance"] == 0
+    tree = cKDTree(surface.vertices[known])
+    with LayeredCloud(project / "work" / "color" / "samples.cloud") as cloud:
+        fine = cloud.query().arrays
+        coarse = cloud.query(level=0).arrays
+        assert cloud.levels > 2
+    for points, colors in (
+        (fine["points"], fine["albedo"]), (coarse["points"], coarse["far_albedo"])
+    ):  # fmt: skip
+        there = np.isfinite(colors).all(axis=1)
+        assert there.mean() > 0.85
+        near = tree.query(points[there])[1]
+        apart = np.log(colors[there].mean(axis=1) / found["color"][known][near].mean(axis=1))
+        assert abs(np.median(apart)) < 0.03
+        assert np.median(np.abs(apart)) < 0.15
+    total = np.nansum(fine["albedo_weight"])
+    assert np.nansum(coarse["far_weight"]) == pytest.approx(total, rel=1e-3)
