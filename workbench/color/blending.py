@@ -18,7 +18,7 @@ from workbench.color.blending_colors import Colored
 from workbench.color.blending_votes import OBSERVATIONS_AT_ONCE, median_levels
 from workbench.geometry.robust import robust_sigma
 
-# Residuals of the logarithm count by half at so many sigmas from the first mean.
+# A photograph counts a quarter where it is so many sigmas from the middle of all.
 _DOUBTFUL_SIGMAS = 2.0
 # However well photographs agree, their values have the noise of single pixels.
 _LEAST_SIGMA = 0.01
