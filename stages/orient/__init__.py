@@ -198,8 +198,8 @@ def _oriented(
         )
         for name, path in photos.items()
     ]
-    with job.progress.step("orienting photographs"):
-        found = oriented(asked, _settings(job.options))
+    with job.progress.shares() as told:
+        found = oriented(asked, _settings(job.options), told)
     if not found:
         raise InputError(
             f"The photographs cannot be oriented: {found.reason}",

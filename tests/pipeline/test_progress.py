@@ -165,3 +165,18 @@ def test_the_meter_counts_children():
     with Meter() as alone:
         pass
     assert meter.peak_rss_bytes > alone.peak_rss_bytes + 250_000_000
+
+
+def test_work_that_tells_its_shares_becomes_steps(clock):
+    written = io.StringIO()
+    with Progress(written).shares() as told:
+        for share in (0.0, 0.25, 0.5):
+            told("features", share)
+            clock.now += 10
+        told("pairs", 0.0)
+        clock.now += 10
+        told("pairs", 1.0)
+    lines = written.getvalue().splitlines()
+    assert lines[0] == "  features …"
+    assert "  features 50/100, about 20 s to go" in lines
+    assert lines[-2:] == ["  pairs …", "  pairs 100/100, about 0.0 s to go"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import TextIO
 
 # An estimate from fewer finished items or less time than this would be a guess.
@@ -87,6 +87,22 @@ class Progress:
             yield Step(self, f"  {label}", total)
         finally:
             self._close()
+
+    @contextmanager
+    def shares(self) -> Iterator[Callable[[str, float], None]]:
+        """A function that is told what is under way and its share done; every name is a step."""
+        label, percent, step = "", 0, Step(self, "", None)
+        with ExitStack() as under_way:
+
+            def told(now: str, share: float) -> None:
+                nonlocal label, percent, step
+                if now != label:
+                    under_way.close()
+                    label, percent, step = now, 0, under_way.enter_context(self.step(now, 100))
+                step.advance(int(100 * share) - percent)
+                percent = int(100 * share)
+
+            yield told
 
     def _close(self) -> None:
         """Take a line back that the next would have overwritten, before others write."""
