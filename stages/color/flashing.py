@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from stages.color.options import ColorOptions
     from workbench.color.flash_estimation import FlashEstimate
     from workbench.color.flash_light import FlashLight
-    from workbench.color.flash_parameters import FlashTerm
 
 # A flash set by hand varies by a few percent; one that meters, by much more.
 _BY_HAND, _LEAST_SPREAD = 0.05, 0.005
@@ -90,8 +89,8 @@ def _estimated(job: Job[ColorOptions], photos: Photographs, count: Any) -> Flash
     if len(photos.names) < 2:
         return "one photograph alone does not tell the flash from the colours"
     seen = photos.for_the_flash(count)
-    terms: tuple[FlashTerm, ...] = ("falloff", "roughness", "indirect")
-    asked = [t for t in terms if t != "roughness" or job.options.roughness_deg == "auto"]
+    known = job.options.roughness_deg != "auto"
+    asked = [t for t in job.options.flash_terms if not (known and t == "roughness")]
     with job.progress.step("looking for the flash"):
         found = estimated_flash(seen, terms=asked)
         if isinstance(found, NoFlashEstimate):

@@ -24,6 +24,11 @@ class ColorOptions(StageOptions):
         (0.0, 0.0, 0.0),
         description="Middle of the flash from the lens: right, down, forward.",
     )
+    flash_terms: tuple[Literal["falloff", "roughness", "indirect"], ...] = Field(
+        ("falloff", "roughness"),
+        description="What may be found of the flash's light beyond its place and strength, where "
+        "photographs tell; light from all around looks much like a flash further forward.",
+    )
     reference_distance_m: float | None = Field(
         None,
         gt=0.0,
