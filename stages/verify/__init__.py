@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from stages.verify.color import color_chapter
 from stages.verify.development import development_chapter
 from stages.verify.masks import masks_chapter
 from stages.verify.orientation import orientation_chapter
@@ -70,7 +71,9 @@ def needed(scene: Scene, options: VerifyOptions) -> Need:
 
 
 def estimate(scene: Scene, options: VerifyOptions) -> Estimate:
-    return Estimate(10 * scene.scan_bytes + 2**29, 2**26)
+    # The surface in its colours, and three blends of them, where there are photographs.
+    per_byte = 25 if scene.photos else 10
+    return Estimate(per_byte * scene.scan_bytes + 2**29, 2**26)
 
 
 def run(job: Job[VerifyOptions]) -> StageResult:
@@ -91,6 +94,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     metrics += found
     cameras, found = orientation_chapter(products, surface, known.model_from_world)
     metrics += found
+    colors, found = _colors(job, surface, known)
+    metrics += found
     warnings += unread
     with job.progress.step("pictures and plots"):
         content = build_scan_report(
@@ -108,6 +113,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *development_chapter(products),
                 *masks,
                 *cameras,
+                *colors,
                 *photographs,
             ),
             citations=_CITATIONS,
@@ -298,9 +304,24 @@ def _photographs(
     return (section,), warnings
 
 
+def _colors(
+    job: Job[VerifyOptions], surface: TriangleMesh, known: _Known
+) -> tuple[tuple[Section, ...], list[Metric]]:
+    options = job.options
+    simulated = known.surface if known.model_from_world is not None else None
+    return color_chapter(
+        job.products,
+        surface,
+        simulated,
+        up=options.up,
+        front_deg=options.front_deg,
+        width_px=options.picture_width_px,
+    )
+
+
 VERIFY = Stage[Any](
     name="verify",
-    version=1,
+    version=2,
     summary="The report for people, its numbers as JSON, and W3C PROV of the whole project.",
     options=VerifyOptions,
     reads=(
@@ -319,6 +340,10 @@ VERIFY = Stage[Any](
         "photo_poses",
         "oriented_cameras",
         "oriented_images",
+        "photo_observations",
+        "photo_lighting",
+        "flash",
+        "surface_color",
         "range_maps",
         "corrected_masks",
         "automatic_scan_masks",
@@ -333,6 +358,7 @@ VERIFY = Stage[Any](
         "simulation",
         "truth_cameras",
         "truth_albedo",
+        "truth_surface_albedo",
         "truth_object",
         "truth_support",
         "truth_shadow",
@@ -340,7 +366,7 @@ VERIFY = Stage[Any](
     writes=("report_html", "report_json", "provenance"),
     needed=needed,
     run=run,
-    libraries=("numpy", "scipy", "open3d", "matplotlib", "rawpy"),
+    libraries=("numpy", "scipy", "open3d", "matplotlib", "rawpy", "colour-science"),
     estimate=estimate,
     reads_truth=True,
 )

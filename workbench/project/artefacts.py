@@ -148,6 +148,13 @@ _TABLE = (
     Artefact("simulation", "truth/simulation.json", "json", "the simulation's options", truth=True),
     Artefact("truth_scan_masks", "truth/masks/{item}.png", "mask", "true masks", truth=True),
     Artefact("truth_albedo", "truth/photos/albedo/{item}.png", "file", "true albedo", truth=True),
+    Artefact(
+        "truth_surface_albedo",
+        "truth/photos/surface_albedo.npz",
+        "arrays",
+        "true albedo of the simulated scene",
+        truth=True,
+    ),
     Artefact("truth_cameras", "truth/photos/images.txt", "file", "true cameras", truth=True),
     Artefact("truth_object", "truth/photos/object/{item}.png", "file", "true masks", truth=True),
     Artefact("truth_support", "truth/photos/support/{item}.png", "file", "supports", truth=True),
