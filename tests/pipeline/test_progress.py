@@ -179,4 +179,4 @@ def test_work_that_tells_its_shares_becomes_steps(clock):
     lines = written.getvalue().splitlines()
     assert lines[0] == "  features …"
     assert "  features 50/100, about 20 s to go" in lines
-    assert lines[-2:] == ["  pairs …", "  pairs 100/100, about 0.0 s to go"]
+    assert lines[-2:] == ["  pairs …", "  pairs 100/100"]
