@@ -207,6 +207,6 @@ def _same_camera(
 def _camera(pose: Mapping[str, Any]) -> PhotoCamera:
     from workbench.geometry.photo_camera import PhotoCamera
 
-    return PhotoCamera(
-        pose["model"], *pose["size"], tuple(pose["params"]), np.array(pose["camera_from_world"])
-    )
+    width, height = pose["size"]
+    turned = np.array(pose["camera_from_world"])
+    return PhotoCamera(pose["model"], width, height, tuple(pose["params"]), turned)

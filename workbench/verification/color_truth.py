@@ -143,12 +143,14 @@ def true_albedo_of(
     areas = vertex_areas(truth)
     used = np.flatnonzero(areas > 0.0)
     found = distance_to_surface(truth.vertices[used], surface)
-    corners = surface.triangles[found.triangle].ravel()
-    say = (areas[used, None] * found.barycentric).ravel()
     n = len(surface.vertices)
-    total = np.bincount(corners, say, n)
-    channels = np.repeat(albedo[used].astype(np.float64), 3, axis=0).T
-    sums = np.stack([np.bincount(corners, say * c, n) for c in channels], axis=1)
+    total, sums = np.zeros(n), np.zeros((n, 3))
+    for corner in range(3):
+        at = surface.triangles[found.triangle, corner]
+        say = areas[used] * found.barycentric[:, corner]
+        total += np.bincount(at, say, n)
+        for channel in range(3):
+            sums[:, channel] += np.bincount(at, say * albedo[used, channel], n)
     enough = total > _LEAST_SAID * vertex_areas(surface)
     mean = sums / np.where(enough, total, 1.0)[:, None]
     nearest = distance_to_surface(surface.vertices[~enough], truth)
