@@ -164,7 +164,7 @@ def test_gains_are_of_photographs_with_flash():
     section = color_section(sheet(2), origins(), flash(), record())
     (plot,) = of(section, Plot)
     assert "<svg" in plot.svg
-    assert "least in p4 (90 %), most in p3 (120 %)" in plot.caption
+    assert "least in p4 (90.0 %), most in p3 (120.0 %)" in plot.caption
     assert "dark" not in plot.data["gains"]
 
 

@@ -158,7 +158,7 @@ def _evenness_table(flash: Mapping[str, Any], said: Mapping[str, Any]) -> Table:
         "photograph. Doubted is what differed from the others, as highlights do."
     )
     return Table(
-        (Column("Spread of luminance", style="wide"), Column("", "%", 2)), tuple(rows), caption
+        (Column("Spread of luminance", style="wide"), Column("Value", "%", 2)), tuple(rows), caption
     )
 
 
@@ -278,11 +278,11 @@ def _gains_plot(gains: Mapping[str, float]) -> Plot:
     low, high = int(relative.argmin()), int(relative.argmax())
     spread = 100.0 * float(np.std(np.log(relative)))
     caption = (
-        f"How strong the flash was in each photograph. Standard deviation {spread:.1f} %; least "
-        f"in {names[low]} ({100 * relative[low]:.0f} %), most in {names[high]} "
-        f"({100 * relative[high]:.0f} %). Half or twice the others means another setting."
+        f"How strong the light was in each photograph. Standard deviation {spread:.1f} %; least "
+        f"in {names[low]} ({100 * relative[low]:.1f} %), most in {names[high]} "
+        f"({100 * relative[high]:.1f} %). Half or twice the others means another setting."
     )
-    svg = inline_svg(figure, "color-gains", "The flash’s strength in each photograph as dots")
+    svg = inline_svg(figure, "color-gains", "The light’s strength in each photograph as dots")
     return Plot(svg, caption, {"gains": dict(gains)})
 
 
