@@ -122,7 +122,8 @@ def _in_words(poses: Mapping[str, Any]) -> str:
 def _against_truth(truth: CameraComparison) -> str:
     return (
         "Against the simulated cameras, in the scans’ frame: "
-        f"{1e3 * np.median(truth.center_m):.2f} mm and {np.median(truth.rotation_deg):.3f}° in the median, "
+        f"{1e3 * np.median(truth.center_m):.2f} mm and {np.median(truth.rotation_deg):.3f}° "
+        "in the median, "
         f"{1e3 * truth.center_m.max():.2f} mm and {truth.rotation_deg.max():.3f}° at the most."
     )
 
