@@ -89,16 +89,19 @@ def _estimated(job: Job[ColorOptions], photos: Photographs, count: Any) -> Flash
     if len(photos.names) < 2:
         return "one photograph alone does not tell the flash from the colours"
     seen = photos.for_the_flash(count)
-    known = job.options.roughness_deg != "auto"
-    asked = [t for t in job.options.flash_terms if not (known and t == "roughness")]
+    roughness = job.options.roughness_deg
+    asked: dict[str, Any] = {"terms": job.options.flash_terms}
+    if roughness != "auto":
+        asked["terms"] = [term for term in job.options.flash_terms if term != "roughness"]
+        asked["roughness_rad"] = float(np.radians(roughness))
     with job.progress.step("looking for the flash"):
-        found = estimated_flash(seen, terms=asked)
+        found = estimated_flash(seen, **asked)
         if isinstance(found, NoFlashEstimate):
             return found.reason
         spread = robust_sigma(np.log(found.gains[np.isfinite(found.gains)]))
         if spread < _BY_HAND:
             # Strengths that hardly vary say that they were meant to be one, which fixes more.
-            again = estimated_flash(seen, gain_sigma=max(spread, _LEAST_SPREAD), terms=asked)
+            again = estimated_flash(seen, gain_sigma=max(spread, _LEAST_SPREAD), **asked)
             found = found if isinstance(again, NoFlashEstimate) else again
     return found
 

@@ -65,11 +65,12 @@ def chosen_terms(
             gone: _held_out_losses(seen, halves, full, terms, left, gain_sigma)
             for gone, left in shorter.items()
         }
-        least = min(kept, key=lambda term: float(losses[term].mean()))
         outcomes = {term: _trial(term, losses[term], with_all, full.sigma) for term in kept}
-        if outcomes[least].kept:
+        doubtful = [term for term in kept if not outcomes[term].kept]
+        if not doubtful:
             trials += outcomes.values()
             break
+        least = min(doubtful, key=lambda term: float(losses[term].mean()))
         trials.append(outcomes[least])
         kept, with_all = shorter[least], losses[least]
     return kept, tuple(trials)
