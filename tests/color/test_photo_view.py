@@ -150,7 +150,7 @@ def test_samples_without_a_surface_show_what_the_surface_shows():
     samples = view_of_samples(blocks, camera)
     assert (surface.seen & samples.seen).sum() / (surface.seen | samples.seen).sum() > 0.96
     both = surface.seen & samples.seen & (surface.cosines > 0.3)
-    assert np.abs(surface.depth - samples.depth)[both].max() < 0.05 * RADIUS
+    assert np.abs(surface.depth[both] - samples.depth[both]).max() < 0.05 * RADIUS
     cosine = (surface.normals * samples.normals).sum(axis=2)[both]
     assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).max() < 3.0
     # In parts and in one: the same to the last bit.
