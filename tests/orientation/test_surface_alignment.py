@@ -19,7 +19,8 @@ from workbench.orientation.alignment import (
     transformed,
     with_full_lenses,
 )
-from workbench.orientation.bundle import Bundle, LensBelief
+from workbench.orientation.bundle import Bundle
+from workbench.orientation.lens_belief import LensBelief
 from workbench.orientation.picks import Pick, similarity_of_picks
 from workbench.orientation.sparse_points import well_seen
 from workbench.orientation.surface_adjustment import (
