@@ -17,6 +17,7 @@ from workbench.project.mask_subjects import photos_by_name
 from workbench.verification.photo_sections import evenly_chosen
 
 if TYPE_CHECKING:
+    from workbench.geometry.surface_rays import SurfaceRays
     from workbench.verification.camera_truth import CameraComparison
     from workbench.verification.orient_sections import OutlinedPhoto
     from workbench.verification.report_content import Section
@@ -46,10 +47,11 @@ def orientation_chapter(
     truth, metrics = None, []
     if poses["frame"] == "world":
         cameras = read_colmap_text(Path(products.load("oriented_images")).parent).photo_cameras()
+        rays = SurfaceRays(surface)
         if model_from_world is not None and products.load_if_there("truth_cameras") is not None:
             truth = _against_truth(products, cameras, model_from_world)
-            metrics = [*truth.metrics(), *_silhouettes(products, cameras, surface)]
-        photos, rays = photos_by_name(products.input_paths("photo_files")), SurfaceRays(surface)
+            metrics = [*truth.metrics(), *_silhouettes(products, cameras, rays)]
+        photos = photos_by_name(products.input_paths("photo_files"))
         for name in evenly_chosen(sorted(cameras), _SHOWN):
             camera = cameras[name]
             step_px = max(1, max(camera.width, camera.height) // _OUTLINE_SIDE)
@@ -73,15 +75,14 @@ def _against_truth(
 
 
 def _silhouettes(
-    products: Products, cameras: Mapping[str, PhotoCamera], surface: TriangleMesh
+    products: Products, cameras: Mapping[str, PhotoCamera], rays: SurfaceRays
 ) -> list[Metric]:
     """How the surface's outlines agree with the true object's."""
     import cv2
 
-    from workbench.geometry.surface_rays import SurfaceRays
     from workbench.verification.camera_truth import silhouette_iou
 
-    rays, found = SurfaceRays(surface), []
+    found = []
     for name in products.items("truth_object"):
         if name in cameras:
             object_mask, support_mask = (

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from os import cpu_count
 
 import cv2
 import numpy as np
@@ -125,7 +126,8 @@ def with_surface_patches(
             if len(seen) >= _LEAST_VIEWS
         ]
 
-    with ThreadPoolExecutor() as pool:
+    # One photograph's patches take some 100 MB: no more at once than can be worked on.
+    with ThreadPoolExecutor(cpu_count()) as pool:
         tracks = [track for part in pool.map(followed, numbers) for track in part]
     return _rebuilt(model, tracks, cameras, options.half_px)
 
