@@ -98,7 +98,7 @@ def see_cloud(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     from workbench.cloud.layered_cloud import LayeredCloud
     from workbench.color.blending_observations import observed
     from workbench.color.blending_weights import feathered
-    from workbench.color.photo_view import lit_by_flash
+    from workbench.geometry.photo_view import lit_by_flash
 
     surface = ready_surface(products, payload["surface"])
     photo = weighed(products, payload, surface)

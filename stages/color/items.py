@@ -54,7 +54,7 @@ def weighed(products: ItemProducts, payload: Payload, surface: ReadySurface) -> 
     """A photograph ready to be asked for samples."""
     from workbench.color.blending_observations import weighed_photo
     from workbench.color.blending_weights import WeightOptions, pixel_weights
-    from workbench.color.photo_view import view_of_surface
+    from workbench.geometry.photo_view import view_of_surface
 
     camera = camera_of(payload)
     picture, usable = _picture(products, payload, (camera.width, camera.height))
@@ -67,7 +67,7 @@ def weighed(products: ItemProducts, payload: Payload, surface: ReadySurface) -> 
 def light_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     """How far what a photograph sees lies clear of its flash's shadows."""
     from workbench.color.blending_weights import feathered
-    from workbench.color.photo_view import lit_by_flash, view_of_surface
+    from workbench.geometry.photo_view import lit_by_flash, view_of_surface
     from workbench.kernels.photo_buffers import between_pixels
 
     start, name = perf_counter(), payload["name"]
@@ -103,8 +103,8 @@ def surface_mesh(told: Payload, made: Callable[[], TriangleMesh]) -> TriangleMes
 
 def camera_of(payload: Payload) -> PhotoCamera:
     """The camera of a photograph, for the size it is looked at in."""
-    from workbench.color.photo_view import reduced_camera
     from workbench.geometry.photo_camera import PhotoCamera
+    from workbench.geometry.photo_view import reduced_camera
 
     told = payload["camera"]
     camera = PhotoCamera(

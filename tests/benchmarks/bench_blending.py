@@ -27,8 +27,8 @@ from workbench.color.blending_colors import Colored, corrected
 from workbench.color.blending_observations import observed, weighed_photo
 from workbench.color.blending_samples import blocks_of_mesh
 from workbench.color.blending_weights import WeightOptions, feathered, pixel_weights
-from workbench.color.photo_view import lit_by_flash, view_of_surface
 from workbench.geometry.photo_camera import PhotoCamera
+from workbench.geometry.photo_view import lit_by_flash, view_of_surface
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.geometry.transforms import apply, rotate
 from workbench.verification.figures import TradeoffPoint

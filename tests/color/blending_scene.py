@@ -13,9 +13,9 @@ from workbench.color.blending_observations import Observations, observed, weighe
 from workbench.color.blending_samples import blocks_of_mesh
 from workbench.color.blending_weights import WeightOptions, feathered, pixel_weights
 from workbench.color.flash_light import FlashLight
-from workbench.color.photo_view import PhotoView, lit_by_flash, view_of_surface
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
+from workbench.geometry.photo_view import PhotoView, lit_by_flash, view_of_surface
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.geometry.transforms import rigid
 

@@ -11,7 +11,7 @@ from workbench.cloud.building import build_cloud
 from workbench.cloud.layered_cloud import LayeredCloud
 from workbench.cloud.schema import Attribute, Schema
 from workbench.color.blending_consolidation import consolidated
-from workbench.color.photo_view import view_of_samples, view_of_surface
+from workbench.geometry.photo_view import view_of_samples, view_of_surface
 from workbench.geometry.surface_rays import SurfaceRays
 
 

@@ -22,7 +22,6 @@ from workbench.color.blending_colors import uncorrected
 from workbench.color.blending_observations import observed, weighed_photo
 from workbench.color.blending_samples import blocks_of_mesh
 from workbench.color.blending_weights import WeightOptions, pixel_weights
-from workbench.color.photo_view import view_of_surface
 from workbench.color.spaces import delta_e2000, lab_from_xyz_d50, working_space
 from workbench.formats.colmap import (
     ColmapCamera,
@@ -34,6 +33,7 @@ from workbench.formats.colmap import (
 from workbench.formats.gltf import linear_from_srgb, srgb_from_linear
 from workbench.formats.surface_files import read_surface, write_surface_ply
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.photo_view import view_of_surface
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.runner import RunRequest, run_pipeline

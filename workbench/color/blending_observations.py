@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.color.photo_view import Block, PhotoView
+from workbench.geometry.photo_view import Block, PhotoView
 from workbench.kernels.photo_buffers import between_pixels
 
 _LEAST_WEIGHT = 1e-6

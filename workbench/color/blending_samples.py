@@ -14,7 +14,7 @@ _SAMPLES_AT_ONCE = 1 << 20
 
 @dataclass(frozen=True)
 class PlainBlock:
-    """Samples in arrays; see `workbench.color.photo_view.Block`."""
+    """Samples in arrays; see `workbench.geometry.photo_view.Block`."""
 
     first: int
     points: NDArray[np.float64]

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.color.photo_view import PhotoView
+from workbench.geometry.photo_view import PhotoView
 
 # Cosines of the view angle between which a pixel's weight rises from nothing: 84° to 65°.
 _GRAZING, _CLEAR = 0.1, 0.42

@@ -8,15 +8,15 @@ from scipy.ndimage import map_coordinates
 
 from tests.color.blending_scene import DISTANCE, FLASH, RADIUS, ball, camera_at
 from workbench.color.blending_samples import PlainBlock, blocks_of_mesh
-from workbench.color.photo_view import (
+from workbench.errors import InputError
+from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.photo_camera import PhotoCamera
+from workbench.geometry.photo_view import (
     lit_by_flash,
     reduced_camera,
     view_of_samples,
     view_of_surface,
 )
-from workbench.errors import InputError
-from workbench.geometry.mesh import TriangleMesh
-from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.kernels.photo_buffers import between_pixels, interpolated_normals, splat
 from workbench.masking.flash_shadow import flash_shadows_by_geometry

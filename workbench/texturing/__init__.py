@@ -1,0 +1,1 @@
+"""Texturing: which photograph each triangle is textured with, and how seams are hidden."""

@@ -1,0 +1,1 @@
+"""Voxels of a surface, their levels of detail, and sparse voxel graphs."""
