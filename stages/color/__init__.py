@@ -111,7 +111,7 @@ def _subject(job: Job[ColorOptions], poses: Mapping[str, Any]) -> _Subject:
     mesh = surface_mesh(surface, lambda: products.load("surface"))
     inventory = products.load("photo_inventory")
     entries = {e["name"]: e for e in inventory["photos"] if not e["is_chart"]}
-    payloads = _payloads(job, {n: poses[n] for n in entries if n in poses}, surface, mesh)
+    payloads = _payloads(job, {n: poses[n] for n in entries if n in poses}, surface)
     seen = job.tasks.map_items("looking through photographs", see_photo, payloads)
     products.remove_items_except("photo_observations", set(seen))
     photos = Photographs(
@@ -144,23 +144,17 @@ def _surface_told(job: Job[ColorOptions]) -> dict[str, Any]:
 
 
 def _payloads(
-    job: Job[ColorOptions], poses: Mapping[str, Any], surface: dict[str, Any], mesh: TriangleMesh
+    job: Job[ColorOptions], poses: Mapping[str, Any], surface: dict[str, Any]
 ) -> dict[str, dict[str, Any]]:
     """What is asked of each photograph, with all that can change the answer."""
-    from workbench.color.blending_samples import vertex_spacing
-
     products, options = job.products, job.options
     masked = set(products.items("photo_masks"))
     sizes = {e["name"]: e["size"] for e in products.load("photo_inventory")["photos"]}
     weights = {
         name: getattr(options, name) for name in ("feather", "angle_power", "sharpness_power")
     }
-    spacing = float(np.quantile(vertex_spacing(mesh), 0.99))
-    middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
     payloads = {}
     for name, pose in poses.items():
-        camera_from_world = np.array(pose["camera_from_world"])
-        far = float(np.linalg.norm(camera_from_world[:3, :3] @ middle + camera_from_world[:3, 3]))
         contents = [("developed_photos", name), ("unclipped_masks", name)]
         contents += [("photo_masks", name)] if name in masked else []
         payloads[name] = {
@@ -171,7 +165,6 @@ def _payloads(
             "size": sizes[name],
             "image_px": options.image_px,
             "normal_px": options.normal_px,
-            "coarsest": spacing / max(far, 1e-9),
             "camera": {k: pose[k] for k in ("model", "size", "params", "camera_from_world")},
             "weights": weights,
         }

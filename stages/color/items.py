@@ -15,10 +15,9 @@ from workbench.pipeline.tasks import ItemProducts, Payload
 
 if TYPE_CHECKING:
     from workbench.color.blending_observations import WeighedPhoto
-    from workbench.color.blending_samples import PlainBlock
+    from workbench.color.blending_surface import ReadySurface
     from workbench.geometry.mesh import TriangleMesh
     from workbench.geometry.photo_camera import PhotoCamera
-    from workbench.geometry.surface_rays import SurfaceRays
 
 _surface_lock = threading.Lock()
 _last_surface: list[tuple[str, ReadySurface]] = []
@@ -26,54 +25,35 @@ _last_surface: list[tuple[str, ReadySurface]] = []
 _ALL = 254
 
 
-class ReadySurface:
-    """A surface made ready for every photograph: rays, and vertices as samples."""
-
-    def __init__(self, mesh: TriangleMesh) -> None:
-        from workbench.color.blending_samples import blocks_of_mesh
-        from workbench.geometry.surface_rays import SurfaceRays
-
-        self.mesh = mesh
-        self.rays: SurfaceRays = SurfaceRays(mesh)
-        self.blocks: list[PlainBlock] = blocks_of_mesh(mesh)
-        self.normals = np.concatenate([block.normals for block in self.blocks])
-
-
 def see_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     """What a photograph shows of every vertex it sees, and how far that is to be trusted."""
-    from workbench.color.blending_observations import observed
-
     start = perf_counter()
     surface = ready_surface(products, payload["surface"])
-    found = observed(weighed(products, payload, surface), surface.blocks)
+    found = surface.observed(weighed(products, payload, surface))
     products.save("photo_observations", found.arrays(), payload["name"])
     return {"samples": len(found), "seconds": perf_counter() - start}
 
 
 def weighed(products: ItemProducts, payload: Payload, surface: ReadySurface) -> WeighedPhoto:
     """A photograph ready to be asked for samples."""
-    from workbench.color.blending_observations import weighed_photo
-    from workbench.color.blending_weights import WeightOptions, pixel_weights
-    from workbench.geometry.photo_view import view_of_surface
+    from workbench.color.blending_weights import WeightOptions
 
     camera = camera_of(payload)
     picture, usable = _picture(products, payload, (camera.width, camera.height))
-    view = view_of_surface(surface.rays, surface.normals, camera)
-    view = view.smoothed(payload["normal_px"])
-    weights = pixel_weights(view, picture, usable, WeightOptions(**payload["weights"]))
-    return weighed_photo(view, picture, usable, weights, payload["coarsest"] * view.focal_px)
+    options = WeightOptions(**payload["weights"])
+    return surface.weighed(camera, picture, usable, options, payload["normal_px"])
 
 
 def light_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     """How far what a photograph sees lies clear of its flash's shadows."""
     from workbench.color.blending_weights import feathered
-    from workbench.geometry.photo_view import lit_by_flash, view_of_surface
+    from workbench.geometry.photo_view import lit_by_flash
     from workbench.kernels.photo_buffers import between_pixels
 
     start, name = perf_counter(), payload["name"]
     surface = ready_surface(products, payload["surface"])
     camera = camera_of(payload)
-    view = view_of_surface(surface.rays, surface.normals, camera)
+    view = surface.view(camera)
     lit = lit_by_flash(view, surface.rays, np.array(payload["flash"]))
     clear = feathered(lit, payload["feather"])
     index = products.load("photo_observations", name)["index"]
@@ -86,6 +66,8 @@ def light_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
 
 def ready_surface(products: ItemProducts, told: Payload) -> ReadySurface:
     """The surface to colour, kept between items: its rays take longer than a photograph."""
+    from workbench.color.blending_surface import ReadySurface
+
     with _surface_lock:
         if not _last_surface or _last_surface[0][0] != told["hash"]:
             _last_surface.clear()

@@ -313,6 +313,7 @@ def _colors(
         job.products,
         surface,
         simulated,
+        model_from_world=known.model_from_world,
         up=options.up,
         front_deg=options.front_deg,
         width_px=options.picture_width_px,
@@ -321,7 +322,7 @@ def _colors(
 
 VERIFY = Stage[Any](
     name="verify",
-    version=2,
+    version=3,
     summary="The report for people, its numbers as JSON, and W3C PROV of the whole project.",
     options=VerifyOptions,
     reads=(

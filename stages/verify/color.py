@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.verify.albedo import photographed_albedo
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.transforms import Matrix4
 from workbench.metrics import Metric
 from workbench.pipeline.stage import Products
 
@@ -31,6 +33,7 @@ def color_chapter(
     surface: TriangleMesh,
     truth: TriangleMesh | None,
     *,
+    model_from_world: Matrix4 | None,
     up: UpAxis,
     front_deg: float,
     width_px: int,
@@ -40,6 +43,7 @@ def color_chapter(
     Parameters
     ----------
     truth : the simulated surface in the frame of the model, with all its vertices.
+    model_from_world : 4×4 from the coordinates of the simulation to the model's.
     up, front_deg, width_px : of the pictures, as in the rest of the report.
     """
     from workbench.color.blending_display import encoded_srgb
@@ -61,8 +65,13 @@ def color_chapter(
         )
     record, space = products.load("records", "color"), flash["space"]
     colors, provenance = told["color"], told["color_provenance"]
-    blends = _less_corrected(products, surface, flash, record["options"])
-    found = _against_truth(products, surface, truth, told, space, blends)
+    options = record["options"]
+    blends = _less_corrected(products, surface, flash, options)
+    even = None
+    if model_from_world is not None:
+        names = tuple(flash["gains"])
+        even = photographed_albedo(products, surface, model_from_world, names, options)
+    found = _against_truth(products, surface, truth, told, space, blends, even)
     sides = FourSides.of(surface, up, width_px, front_deg)
     views = {side: sides.views[side] for side in _SHOWN_SIDES}
     shown = np.full((n, 3), UNKNOWN_COLOR, np.uint8)
@@ -150,6 +159,7 @@ def _against_truth(
     told: Mapping[str, NDArray[Any]],
     space: Any,
     blends: Mapping[str, NDArray[np.float64]],
+    even_light: NDArray[np.float64] | None,
 ) -> AlbedoComparison | None:
     from workbench.verification.color_truth import compared_albedo, true_albedo_of
 
@@ -163,6 +173,7 @@ def _against_truth(
         true_albedo_of(surface, truth, known["albedo"]),
         blends.get("as taken"),
         blends.get("distance alone"),
+        even_light,
     )
 
 

@@ -189,7 +189,7 @@ def test_the_truth_has_a_row_for_each_way(rng):
     assert rows["distance alone taken out, level matched"][-1] == pytest.approx(1 / 0.6, rel=1e-3)
     assert rows["as recovered"][-1] == 1.0
     assert rows["as recovered"][1] == found.corrected.mean
-    assert rows["inpainted, as recovered"][0] == 3
+    assert rows["inpainted, from the paint itself"][0] == 3
     alone = compared_albedo(truth, np.zeros(9, np.uint8), "rec709", truth)
     section = color_section(sheet(2), origins(), flash(), record(), truth=alone)
     assert "distance alone taken out, level matched" not in table(
@@ -357,7 +357,7 @@ def left() -> tuple[Any, Folder]:
     )
 
 
-ASKED: dict[str, Any] = {"up": "z", "front_deg": 0.0, "width_px": 120}
+ASKED: dict[str, Any] = {"up": "z", "front_deg": 0.0, "width_px": 120, "model_from_world": None}
 
 
 def test_the_chapter_tells_what_correcting_is_worth(left):

@@ -155,4 +155,26 @@ def test_without_a_flash_there_is_nothing_to_compare_with(rng):
     found = compared_albedo(truth, np.zeros(20, np.uint8), "rec709", truth)
     assert found.uncorrected is None
     names = {metric.name for metric in found.metrics()}
-    assert names == {"albedo_delta_e_mean", "albedo_delta_e_median"}
+    assert names == {
+        "albedo_delta_e_mean",
+        "albedo_delta_e_median",
+        "albedo_delta_e_paint_mean",
+    }
+
+
+def test_photographs_answer_for_what_they_can_resolve(rng):
+    """Paint finer than pixels is no fault of the colours, but is told."""
+    n = 2000
+    even = rng.uniform(0.2, 0.5, (n, 3))
+    paint = even * rng.uniform(0.8, 1.2, (n, 3))
+    even[:100] = np.nan
+    colors = np.where(np.isfinite(even), even, 0.3)
+    found = compared_albedo(
+        colors, np.zeros(n, np.uint8), "rec709", paint, 2.0 * colors, None, even
+    )
+    assert found.corrected.count == found.of_paint.count == n - 100
+    assert found.corrected.mean < 1e-6
+    assert found.of_paint.mean > 3.0
+    assert found.uncorrected is not None
+    assert found.uncorrected.factor == pytest.approx(0.5, rel=1e-3)
+    assert found.truth is paint

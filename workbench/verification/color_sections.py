@@ -304,7 +304,8 @@ def _truth_table(truth: AlbedoComparison) -> Table:
         ("distance alone taken out, level matched", truth.distance_only),
         ("as recovered, level matched", truth.corrected_matched),
         ("as recovered", truth.corrected),
-        ("inpainted, as recovered", truth.inpainted),
+        ("as recovered, from the paint itself", truth.of_paint),
+        ("inpainted, from the paint itself", truth.inpainted),
     )
     rows = tuple(_difference_cells(label, way) for label, way in ways if way is not None)
     columns = (
@@ -316,11 +317,13 @@ def _truth_table(truth: AlbedoComparison) -> Table:
         Column("Level ×", decimals=3),
     )
     caption = (
-        "Colour differences from the albedo that the simulation painted, its mean over what a "
-        "vertex stands for; CIE Lab relative to D65, in which a perfect white diffuser is white. "
-        "1 is about what a practised eye can see. “Level matched” means that all colours are "
-        "multiplied by the one factor that makes their mean difference least, which colours "
-        "without a known level need; “as recovered” has no such help. All but the inpainted ones "
+        "Colour differences from the albedo that the simulation painted, as the same photographs "
+        "would tell it in perfectly even light; “from the paint itself” adds what pixels are too "
+        "coarse to resolve, against the mean of the paint over what a vertex stands for. CIE Lab "
+        "relative to D65, in which a perfect white diffuser is white. 1 is about what a practised "
+        "eye can see. “Level matched” means that all colours are multiplied by the one factor "
+        "that makes their mean difference least, which colours without a known level need; “as "
+        "recovered” has no such help. All but the inpainted ones "
         "are the same vertices."
     )
     return Table(columns, rows, caption)

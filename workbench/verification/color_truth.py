@@ -67,17 +67,20 @@ class AlbedoComparison:
     """Recovered colours and what they would be with less of the correction, against the truth.
 
     All but ``inpainted`` are on the same vertices: those that photographs tell in each of the
-    blends.
+    blends, and in even light. All but ``inpainted`` and ``of_paint`` are against the albedo as
+    photographs would tell it in even light.
 
     Attributes
     ----------
-    truth : (n, 3) true albedo, linear Rec. 709.
+    truth : (n, 3) true albedo of what a vertex stands for, linear Rec. 709.
     corrected : the colours as they are, their level not touched.
     corrected_matched : at the best of one common factor.
     uncorrected, distance_only : blends of the photographs as taken, and with the light's
         distance alone taken out, each at the best of one common factor; None without a flash
         to correct.
-    inpainted : the colours that were spread, as they are.
+    of_paint : the colours as they are, against ``truth``: with what the photographs do not
+        resolve.
+    inpainted : the colours that were spread, as they are, against ``truth``.
     """
 
     truth: NDArray[np.float64]
@@ -85,15 +88,20 @@ class AlbedoComparison:
     corrected_matched: ColorDifference
     uncorrected: ColorDifference | None
     distance_only: ColorDifference | None
+    of_paint: ColorDifference
     inpainted: ColorDifference
 
     def metrics(self) -> list[Metric]:
         """Differences of the corrected colours, and of the others to compare with."""
         metrics = [
             Metric("albedo_delta_e_mean", self.corrected.mean, "ΔE2000",
-                   "Mean ΔE2000 of photographed vertices from the true albedo, level and all."),
+                   "Mean ΔE2000 of photographed vertices from the albedo as photographs would "
+                   "tell it in even light, level and all."),
             Metric("albedo_delta_e_median", self.corrected.percentile(50.0), "ΔE2000",
-                   "Median ΔE2000 of photographed vertices from the true albedo."),
+                   "The median of the same."),
+            Metric("albedo_delta_e_paint_mean", self.of_paint.mean, "ΔE2000",
+                   "Mean ΔE2000 of photographed vertices from the paint around them, with what "
+                   "photographs do not resolve."),
         ]  # fmt: skip
         if self.uncorrected is not None:
             metrics.append(
@@ -166,6 +174,7 @@ def compared_albedo(
     truth: NDArray[np.float64],
     uncorrected: NDArray[np.float64] | None = None,
     distance_only: NDArray[np.float64] | None = None,
+    even_light: NDArray[np.float64] | None = None,
 ) -> AlbedoComparison:
     """Hold colours of vertices against their true albedo.
 
@@ -173,23 +182,27 @@ def compared_albedo(
     ----------
     colors : (n, 3) linear in ``space``.
     provenance : (n,) of the colours, as `workbench.surface.provenance` numbers it.
-    truth : (n, 3) linear Rec. 709.
+    truth : (n, 3) linear Rec. 709 of what a vertex stands for.
     uncorrected, distance_only : (n, 3) other blends, NaN where photographs tell nothing.
+    even_light : (n, 3) linear Rec. 709, what photographs would tell in even light, NaN alike;
+        ``truth`` where it is not known.
     """
-    others = [blend for blend in (uncorrected, distance_only) if blend is not None]
+    shown = truth if even_light is None else even_light
+    others = [blend for blend in (uncorrected, distance_only, even_light) if blend is not None]
     told = provenance == PHOTOGRAPHED
     for blend in others:
         told &= np.isfinite(blend).all(axis=1)
 
     def matched(blend: NDArray[np.floating] | None) -> ColorDifference | None:
-        return None if blend is None else matched_difference(blend, space, truth, told)
+        return None if blend is None else matched_difference(blend, space, shown, told)
 
     return AlbedoComparison(
         truth,
-        color_difference(colors, space, truth, told),
-        matched_difference(colors, space, truth, told),
+        color_difference(colors, space, shown, told),
+        matched_difference(colors, space, shown, told),
         matched(uncorrected),
         matched(distance_only),
+        color_difference(colors, space, truth, told),
         color_difference(colors, space, truth, provenance == INPAINTED),
     )
 
