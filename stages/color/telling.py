@@ -133,10 +133,13 @@ def color_metrics(
                "What one photograph steps from vertex to vertex beyond the others."),
     ]  # fmt: skip
     if inpainting is not None and inpainting.unknowns:
-        metrics.append(
+        metrics += [
             Metric("inpaint_factor", inpainting.factor, "",
-                   "By what a multigrid cycle reduced the residual, on average.")
-        )  # fmt: skip
+                   "By what a multigrid cycle reduced the residual, on average."),
+            Metric("inpaint_cycles", inpainting.cycles, "", "Multigrid cycles."),
+            Metric("inpaint_error", inpainting.error, "",
+                   "How far a spread colour may be from the exact solution, linear."),
+        ]  # fmt: skip
     return metrics
 
 
