@@ -43,14 +43,7 @@ def flash_document(
     }
     light, estimate = flash.light, flash.estimate
     if light is not None:
-        told["light"] = {
-            "position_in_camera_m": light.position_in_camera.tolist(),
-            "reference_distance_m": light.reference_distance,
-            "epsilon": light.epsilon,
-            "roughness_deg": float(np.degrees(light.roughness_rad)),
-            "falloff": list(light.falloff),
-            "indirect": light.indirect,
-        }
+        told["light"] = light.document()
     if estimate is not None:
         told["estimate"] = {
             "position_sigma_m": estimate.position_sigma.tolist(),

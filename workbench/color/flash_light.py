@@ -9,7 +9,9 @@ all around.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,6 +80,29 @@ class FlashLight:
             )
         falloff_degree(len(self.falloff))
         object.__setattr__(self, "position_in_camera", position)
+
+    def document(self) -> dict[str, Any]:
+        """As written down, in plain data."""
+        return {
+            "position_in_camera_m": self.position_in_camera.tolist(),
+            "reference_distance_m": self.reference_distance,
+            "epsilon": self.epsilon,
+            "roughness_deg": float(np.degrees(self.roughness_rad)),
+            "falloff": list(self.falloff),
+            "indirect": self.indirect,
+        }
+
+    @classmethod
+    def from_document(cls, told: Mapping[str, Any]) -> FlashLight:
+        """The light that `document` wrote down."""
+        return cls(
+            np.array(told["position_in_camera_m"]),
+            told["reference_distance_m"],
+            told["epsilon"],
+            float(np.radians(told["roughness_deg"])),
+            tuple(told["falloff"]),
+            told["indirect"],
+        )
 
     def received(
         self, places_in_camera: NDArray[np.float64], normals_in_camera: NDArray[np.float64]

@@ -8,7 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Format = Literal["json", "arrays", "range-map", "mesh", "mask", "linear-picture", "file", "input"]
+Format = Literal[
+    "json", "arrays", "range-map", "mesh", "mask", "linear-picture", "picture", "file", "input"
+]
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,23 @@ _TABLE = (
     Artefact(
         "surface_color", "work/color/surface_color.npz", "arrays", "linear colour of the surface"
     ),
+    Artefact(
+        "texture_photos",
+        "work/texture/photos/{item}.png",
+        "picture",
+        "photographs free of their flash",
+    ),
+    Artefact("depth_maps", "work/texture/depth/{item}.npz", "arrays", "what each camera sees"),
+    Artefact(
+        "depth_meshes",
+        "work/texture/meshes/{item}.npz",
+        "arrays",
+        "mesh of each camera and its photographs",
+    ),
+    Artefact("texturing", "work/texture/texturing.json", "json", "order and place of photographs"),
+    Artefact("labelled_surface", "work/texture/surface.npz", "arrays", "photographs of a mesh"),
+    Artefact("textured_glb", "exports/textured.glb", "file", "the textured surface for the web"),
+    Artefact("textured_obj", "exports/textured/textured.obj", "file", "for general tools"),
     Artefact("surface_ply", "exports/surface.ply", "file", "the surface with all attributes"),
     Artefact("surface_obj", "exports/surface.obj", "file", "the surface for general tools"),
     Artefact("surface_glb", "exports/surface.glb", "file", "the surface for the web"),

@@ -21,6 +21,7 @@ import numpy as np
 
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
+from workbench.formats.color_png import read_color_png, write_color_png
 from workbench.formats.linear_tiff import read_linear_tiff, write_linear_tiff
 from workbench.formats.mask_png import read_mask_png, write_mask_png
 from workbench.geometry.mesh import TriangleMesh
@@ -98,6 +99,8 @@ class ProductStore:
                 return path
             if artefact.format == "mask":
                 return read_mask_png(path)
+            if artefact.format == "picture":
+                return read_color_png(path)
             if artefact.format == "linear-picture":
                 return read_linear_tiff(path)
             with np.load(path, allow_pickle=False) as archive:
@@ -129,6 +132,8 @@ class ProductStore:
                 _write_arrays(path, value.arrays())
             elif artefact.format == "mask":
                 write_mask_png(path, value)
+            elif artefact.format == "picture":
+                write_color_png(path, value)
             elif artefact.format == "linear-picture":
                 write_linear_tiff(path, value)
             elif artefact.format == "arrays":
