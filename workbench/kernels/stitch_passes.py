@@ -1,0 +1,182 @@
+"""Passes over whole pictures, pixel by pixel, as shaders would do them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_NONE = -1
+
+
+@njit(cache=True, nogil=True)
+def lowest_penalties(
+    slot_triangle: NDArray[np.int32],
+    slot_depth: NDArray[np.float32],
+    penalties: NDArray[np.float32],
+) -> NDArray[np.int8]:
+    """Slot (h, w) of the lowest penalty, the nearer among equals; −1 where all are empty."""
+    height, width, slots = slot_triangle.shape
+    chosen = np.full((height, width), _NONE, np.int8)
+    for row in range(height):
+        for column in range(width):
+            best, z = np.float32(np.inf), np.float32(np.inf)
+            for s in range(slots):
+                t = slot_triangle[row, column, s]
+                if t == _NONE:
+                    break
+                deep = slot_depth[row, column, s]
+                if penalties[t] < best or (penalties[t] == best and deep < z):
+                    best, z, chosen[row, column] = penalties[t], deep, s
+    return chosen
+
+
+@njit(cache=True, nogil=True)
+def voted(
+    chosen: NDArray[np.int8],
+    slot_triangle: NDArray[np.int32],
+    slot_depth: NDArray[np.float32],
+    labels: NDArray[np.int32],
+    meshes: NDArray[np.int32],
+    penalties: NDArray[np.float32],
+    epsilon: float,
+    radius: int,
+    label_weight: float,
+    mesh_weight: float,
+) -> tuple[NDArray[np.int8], int]:
+    """Choose again at every pixel, knowing what its neighbours chose; all pixels at once.
+
+    A fragment's cost is its penalty, plus `label_weight` times the share of neighbours that
+    chose another label, plus `mesh_weight` times the share that chose another mesh. Neighbours
+    are those in a square around that show the same surface: their depth differs by no more than
+    ε for each pixel of distance.
+
+    Parameters
+    ----------
+    chosen : (h, w) slots as chosen before, −1 for none.
+    slot_triangle, slot_depth : (h, w, k) of those who compete.
+    labels, meshes, penalties : (t,) of the triangles.
+    epsilon : metres.
+    radius : half the square's side, pixels.
+    label_weight, mesh_weight : in units of the penalty.
+
+    Returns
+    -------
+    (h, w) slots, and how many pixels changed.
+    """
+    height, width, slots = slot_triangle.shape
+    out = chosen.copy()
+    same_label = np.empty(slots)
+    same_mesh = np.empty(slots)
+    changed = 0
+    for row in range(height):
+        for column in range(width):
+            mine = chosen[row, column]
+            if mine == _NONE or slots < 2 or slot_triangle[row, column, 1] == _NONE:
+                continue
+            same_label[:] = 0.0
+            same_mesh[:] = 0.0
+            z = slot_depth[row, column, mine]
+            neighbours = 0
+            for r in range(max(row - radius, 0), min(row + radius, height - 1) + 1):
+                for c in range(max(column - radius, 0), min(column + radius, width - 1) + 1):
+                    theirs = chosen[r, c]
+                    if theirs == _NONE or (r == row and c == column):
+                        continue
+                    far = max(abs(r - row), abs(c - column))
+                    if abs(slot_depth[r, c, theirs] - z) > epsilon * far:
+                        continue
+                    neighbours += 1
+                    other = slot_triangle[r, c, theirs]
+                    for s in range(slots):
+                        t = slot_triangle[row, column, s]
+                        if t == _NONE:
+                            break
+                        same_label[s] += labels[t] == labels[other]
+                        same_mesh[s] += meshes[t] == meshes[other]
+            if neighbours == 0:
+                continue
+            best = np.inf
+            for s in range(slots):
+                t = slot_triangle[row, column, s]
+                if t == _NONE:
+                    break
+                cost = penalties[t] + label_weight * (1.0 - same_label[s] / neighbours)
+                cost += mesh_weight * (1.0 - same_mesh[s] / neighbours)
+                if cost < best or (cost == best and s == mine):
+                    best = cost
+                    out[row, column] = s
+            changed += out[row, column] != mine
+    return out, changed
+
+
+@njit(cache=True, nogil=True)
+def corner_colors(
+    places: NDArray[np.float64],
+    triangle: NDArray[np.int32],
+    vertices: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    colors: NDArray[np.uint8],
+) -> NDArray[np.float32]:
+    """Colours (n, 3) in [0, 1] between the corners of triangles (n,) at places (n, 3)."""
+    out = np.empty((len(places), 3), np.float32)
+    for i in range(len(places)):
+        a, b, c = triangles[triangle[i]]
+        bb, bc, cc, bp, cp = 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(3):
+            u, v = vertices[b, k] - vertices[a, k], vertices[c, k] - vertices[a, k]
+            p = places[i, k] - vertices[a, k]
+            bb += u * u
+            bc += u * v
+            cc += v * v
+            bp += u * p
+            cp += v * p
+        area = bb * cc - bc * bc
+        wb, wc = 1.0 / 3.0, 1.0 / 3.0
+        if area > 0.0:
+            wb = min(max((cc * bp - bc * cp) / area, 0.0), 1.0)
+            wc = min(max((bb * cp - bc * bp) / area, 0.0), 1.0 - wb)
+        for k in range(3):
+            mixed = (1.0 - wb - wc) * colors[a, k] + wb * colors[b, k] + wc * colors[c, k]
+            out[i, k] = mixed / 255.0
+    return out
+
+
+@njit(cache=True, nogil=True)
+def between_texels(
+    picture: NDArray[np.uint8], pixels: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Colours (n, 3) in [0, 1] and coverage (n,) of a picture (h, w, 4) at pixels (n, 2).
+
+    Bilinear over the texels whose alpha is not 0: those that may not be used take no part, and
+    coverage is the share of the weight that the others have. 0 outside the picture.
+    """
+    height, width, _ = picture.shape
+    out = np.zeros((len(pixels), 3), np.float32)
+    coverage = np.zeros(len(pixels), np.float32)
+    for i in range(len(pixels)):
+        x, y = pixels[i, 0], pixels[i, 1]
+        if not (x >= 0.0 and y >= 0.0 and x <= width and y <= height):
+            continue
+        x = min(max(x - 0.5, 0.0), width - 1.0)
+        y = min(max(y - 0.5, 0.0), height - 1.0)
+        left, top = int(x), int(y)
+        right, bottom = min(left + 1, width - 1), min(top + 1, height - 1)
+        u, v = x - left, y - top
+        red, green, blue, total = 0.0, 0.0, 0.0, 0.0
+        for corner in range(4):
+            row = bottom if corner >= 2 else top
+            column = right if corner % 2 else left
+            if picture[row, column, 3] == 0:
+                continue
+            weight = (v if corner >= 2 else 1.0 - v) * (u if corner % 2 else 1.0 - u)
+            red += weight * picture[row, column, 0]
+            green += weight * picture[row, column, 1]
+            blue += weight * picture[row, column, 2]
+            total += weight
+        coverage[i] = total
+        if total > 0.0:
+            out[i, 0] = red / (255.0 * total)
+            out[i, 1] = green / (255.0 * total)
+            out[i, 2] = blue / (255.0 * total)
+    return out, coverage

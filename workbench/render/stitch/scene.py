@@ -1,0 +1,127 @@
+"""Labelled meshes made ready to be drawn together, as often as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workbench.errors import InputError
+from workbench.geometry.labelled_mesh import LabelledMesh
+
+# Depth meshes of one surface lie apart by a part of their sampling; along a grazing line of
+# sight that is several times as much. Arikan's table 3 has about as much: 0.1 m in rooms.
+_EPSILON_SPACINGS = 3.0
+_GREY = 128
+
+
+@dataclass(frozen=True)
+class StitchScene:
+    """Meshes one after the other in common arrays: triangles and vertices are numbered over all.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64 in the world.
+    colors : (n, 3) uint8 sRGB, for where there is no photograph.
+    triangles : (t, 3) int32 into `vertices`, counter-clockwise seen from outside.
+    starts : (k + 1,) int64, mesh i has the triangles from ``starts[i]`` to ``starts[i + 1]``.
+    vertex_starts : (k + 1,) int64 likewise of the vertices.
+    labels, foreground, penalties : (t,) as in `LabelledMesh`.
+    epsilon : fragments at most this far behind the front-most show the same surface, metres.
+    """
+
+    vertices: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+    starts: NDArray[np.int64]
+    vertex_starts: NDArray[np.int64]
+    labels: NDArray[np.int32]
+    foreground: NDArray[np.bool_]
+    penalties: NDArray[np.float32]
+    epsilon: float
+
+    @property
+    def meshes(self) -> int:
+        """How many there are."""
+        return len(self.starts) - 1
+
+    def mesh_of(self, triangle: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Mesh of each triangle number; −1 of −1."""
+        table = np.repeat(np.arange(self.meshes, dtype=np.int32), np.diff(self.starts))
+        return np.asarray(np.append(table, np.int32(-1))[triangle])
+
+    def label_of(self, triangle: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Photograph of each triangle number; `NO_PHOTO` of −1."""
+        return np.asarray(np.append(self.labels, np.int32(-1))[triangle])
+
+    @classmethod
+    def of(cls, meshes: Sequence[LabelledMesh], epsilon: float | None = None) -> StitchScene:
+        """Put meshes together.
+
+        Parameters
+        ----------
+        meshes : each oriented towards its photograph; one without vertex attribute ``color`` is
+            grey where it has no photograph.
+        epsilon : metres; by default three times the median length of the meshes' edges.
+
+        Raises
+        ------
+        InputError : a vertex or a penalty is not finite, or `epsilon` is negative.
+        """
+        counts = [len(mesh.mesh.vertices) for mesh in meshes]
+        vertex_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        faces = [len(mesh.labels) for mesh in meshes]
+        starts = np.concatenate([[0], np.cumsum(faces)]).astype(np.int64)
+        vertices = _joined([mesh.mesh.vertices for mesh in meshes], (0, 3), np.float64)
+        triangles = [
+            mesh.mesh.triangles.astype(np.int32) + np.int32(first)
+            for mesh, first in zip(meshes, vertex_starts[:-1], strict=True)
+        ]
+        scene = cls(
+            vertices,
+            _joined([_colors(mesh) for mesh in meshes], (0, 3), np.uint8),
+            _joined(triangles, (0, 3), np.int32),
+            starts,
+            vertex_starts,
+            _joined([mesh.labels for mesh in meshes], (0,), np.int32),
+            _joined([mesh.foreground for mesh in meshes], (0,), np.bool_),
+            _joined([mesh.penalties for mesh in meshes], (0,), np.float32),
+            0.0,
+        )
+        _check(scene, epsilon)
+        if epsilon is None:
+            epsilon = _EPSILON_SPACINGS * _median_edge(scene)
+        return cls(*(getattr(scene, name) for name in _ARRAYS), epsilon=float(epsilon))
+
+
+_ARRAYS = tuple(name for name in StitchScene.__dataclass_fields__ if name != "epsilon")
+
+
+def _check(scene: StitchScene, epsilon: float | None) -> None:
+    if not np.isfinite(scene.vertices).all():
+        raise InputError("a mesh has vertices that are not finite", fix="make the meshes again")
+    if not np.isfinite(scene.penalties).all():
+        raise InputError("a mesh has penalties that are not finite", fix="label the meshes again")
+    if epsilon is not None and not epsilon >= 0.0:
+        raise InputError("fragments compete within a distance", found=f"{epsilon} m")
+
+
+def _joined(parts: list, empty: tuple[int, ...], kind: type) -> NDArray:  # type: ignore[type-arg]
+    if not parts:
+        return np.zeros(empty, kind)
+    return np.ascontiguousarray(np.concatenate(parts), kind)
+
+
+def _colors(mesh: LabelledMesh) -> NDArray[np.uint8]:
+    shape = (len(mesh.mesh.vertices), 3)
+    colors = mesh.mesh.vertex_attributes.get("color")
+    return np.full(shape, _GREY, np.uint8) if colors is None else colors[:, :3]
+
+
+def _median_edge(scene: StitchScene) -> float:
+    if not len(scene.triangles):
+        return 0.0
+    one, other = scene.vertices[scene.triangles[:, 0]], scene.vertices[scene.triangles[:, 1]]
+    return float(np.median(np.linalg.norm(one - other, axis=1)))
