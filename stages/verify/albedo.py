@@ -18,6 +18,8 @@ from workbench.verification.photo_sections import evenly_chosen
 
 # More photographs change no digit that is shown.
 _PHOTOGRAPHS = 64
+# Pixels much finer than the vertices are only averaged again, and take their time.
+_PIXELS_PER_VERTEX = 8.0
 _FULL, _WHOLLY = 65535, 255
 
 
@@ -59,7 +61,11 @@ def photographed_albedo(
         camera = replace(
             camera, camera_from_world=camera.camera_from_world @ inverse(model_from_world)
         )
-        share = min(1.0, options["image_px"] / max(camera.width, camera.height))
+        share = min(
+            1.0,
+            options["image_px"] / max(camera.width, camera.height),
+            _PIXELS_PER_VERTEX / ready.spacing_px(camera),
+        )
         camera = reduced_camera(camera, round(share * camera.width), round(share * camera.height))
         stored = _read(products.load("truth_albedo", name), camera)
         picture = stored[..., ::-1].astype(np.float32) / np.float32(_FULL)

@@ -63,9 +63,13 @@ class ReadySurface:
         """
         view = self.view(camera).smoothed(normal_px)
         weights = pixel_weights(view, picture, usable, options)
+        return weighed_photo(view, picture, usable, weights, self.spacing_px(camera))
+
+    def spacing_px(self, camera: PhotoCamera) -> float:
+        """How far vertices are from their neighbours in a photograph: nearly all are nearer."""
         middle = 0.5 * (self.mesh.vertices.min(axis=0) + self.mesh.vertices.max(axis=0))
         far = max(float(np.linalg.norm(camera.center - middle)), 1e-9)
-        return weighed_photo(view, picture, usable, weights, self._spacing * view.focal_px / far)
+        return self._spacing * camera.params[0] / far
 
     def observed(self, photo: WeighedPhoto) -> Observations:
         """What a photograph says of the vertices."""
