@@ -1,0 +1,134 @@
+"""The mesh that a depth map is, and where it ends because the scene does.
+
+Source: Arikan et al., sections 4 and 5.2.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from workbench.geometry.mesh import TriangleMesh
+from workbench.kernels.depth_cells import LOWER, OTHER_DIAGONAL, UPPER
+from workbench.texturing.depth_map import DepthMap
+
+# About a hole in the data the surface recedes towards it as often as not; at the scene's own edge
+# it turns away, by pixels' widths per pixel.
+_RECEDING_PX = 1.0
+
+
+@dataclass(frozen=True)
+class DepthMesh:
+    """A depth map's triangles.
+
+    Attributes
+    ----------
+    mesh : one vertex for each pixel that has a triangle, rows first; counter-clockwise as the
+        camera sees it.
+    pixels : (n,) int64 the vertices' pixels, numbered row by row.
+    outer : (m,) whether a triangle has an edge where the mesh ends at a step in depth, at a
+        silhouette or at the picture's edge, and not at a hole in the data.
+    """
+
+    mesh: TriangleMesh
+    pixels: NDArray[np.int64]
+    outer: NDArray[np.bool_]
+
+
+def depth_mesh(depth_map: DepthMap) -> DepthMesh:
+    """Two triangles to each square of four pixels, none across a step in depth."""
+    cells = depth_map.cells
+    width = depth_map.camera.width
+    row, column, lower = _triangle_cells(cells)
+    other = (cells[row, column] & OTHER_DIAGONAL) > 0
+    ul = row * width + column
+    ur, ll, lr = ul + 1, ul + width, ul + width + 1
+    corners = np.where(
+        other[:, None],
+        np.where(lower[:, None], np.stack([ll, lr, ur], 1), np.stack([ul, ll, ur], 1)),
+        np.where(lower[:, None], np.stack([ul, ll, lr], 1), np.stack([ul, lr, ur], 1)),
+    )
+    pixels = np.unique(corners)
+    number = np.full(depth_map.depth.size, -1, np.int32)
+    number[pixels] = np.arange(len(pixels), dtype=np.int32)
+    mesh = TriangleMesh(depth_map.places(pixels), number[corners].reshape(-1, 3))
+    return DepthMesh(mesh, pixels, _outer(depth_map, row, column, lower))
+
+
+def _triangle_cells(
+    cells: NDArray[np.uint8],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """Row, column and whether it is the lower one, of every triangle in order."""
+    there = np.stack([(cells & UPPER) > 0, (cells & LOWER) > 0], axis=-1)
+    row, column, which = np.nonzero(there)
+    return row, column, which > 0
+
+
+def _outer(
+    depth_map: DepthMap, row: NDArray[np.int64], column: NDArray[np.int64], lower: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    cells = np.pad(depth_map.cells, 1)
+    other = (cells & OTHER_DIAGONAL) > 0
+    upper_there, lower_there = (cells & UPPER) > 0, (cells & LOWER) > 0
+    full = upper_there & lower_there
+    outer_gap = _outer_gaps(depth_map, full)
+    # By which of its triangles a square reaches each of its sides.
+    reaches = {
+        "top": upper_there,
+        "bottom": lower_there,
+        "left": np.where(other, upper_there, lower_there),
+        "right": np.where(other, lower_there, upper_there),
+    }
+    j, i = row + 1, column + 1
+    rising = other[j, i]
+    outer = outer_gap[j, i]
+    for legs, down, right, opposite in (
+        (~lower, -1, 0, "bottom"),
+        (lower, 1, 0, "top"),
+        (lower ^ rising, 0, -1, "right"),
+        (~(lower ^ rising), 0, 1, "left"),
+    ):
+        beside = (j + down, i + right)
+        outer |= legs & ~reaches[opposite][beside] & outer_gap[beside]
+    return outer
+
+
+def _outer_gaps(depth_map: DepthMap, full: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(h + 1, w + 1) squares, a ring around them added, in gaps that are no holes of the data."""
+    if depth_map.closed:
+        return ~full
+    count, gaps = cv2.connectedComponents((~full).astype(np.uint8), connectivity=4)
+    outer = np.zeros(count, bool)
+    outer[gaps[0, 0]] = True
+    seen = depth_map.nearness > 0.0
+    right, down = depth_map.joints
+    # A pixel's square is the one to its lower right; the ring makes that (row + 1, column + 1).
+    for steps in (
+        np.argwhere(seen[:, :-1] & seen[:, 1:] & ~right),
+        np.argwhere(seen[:-1] & seen[1:] & ~down),
+    ):
+        outer[gaps[steps[:, 0] + 1, steps[:, 1] + 1]] = True
+    receding = _receding(depth_map.nearness, gaps, count) * depth_map.camera.params[0]
+    outer |= receding > _RECEDING_PX
+    outer[0] = False
+    return np.asarray(outer[gaps])
+
+
+def _receding(
+    nearness: NDArray[np.float64], gaps: NDArray[np.int32], count: int
+) -> NDArray[np.float64]:
+    """(count,) how the surface recedes towards each gap, mean of shares of its depth per pixel."""
+    total, pairs = np.zeros(count), np.zeros(count)
+    gap_of_pixel = gaps[1:, 1:]
+    for turned in range(4):
+        near = np.rot90(nearness, turned)
+        gap = np.rot90(gap_of_pixel, turned)
+        inner, rim, hole = near[:, :-2], near[:, 1:-1], near[:, 2:]
+        here = (inner > 0.0) & (rim > 0.0) & (hole <= 0.0)
+        which = gap[:, 2:][here]
+        total += np.bincount(which, (inner[here] - rim[here]) / rim[here], count)
+        pairs += np.bincount(which, minlength=count)
+    return total / np.maximum(pairs, 1.0)
