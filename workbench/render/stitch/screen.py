@@ -76,17 +76,13 @@ class Screen:
         spread = _MARGIN * (slopes.max(axis=0) - slopes.min(axis=0))
         self._low, self._high = slopes.min(axis=0) - spread, slopes.max(axis=0) + spread
 
-    def slopes(self) -> NDArray[np.float64]:
-        """(h, w, 2) right and down per forward of the ray through each pixel's middle."""
-        camera = self.camera
-        x, y = np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5
+    def slopes(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(p, 2) right and down per forward of the rays through the middles of some pixels."""
+        pixels = np.column_stack([columns, rows]) + 0.5
         if self._pinhole:
-            columns = (x - self._middle[0]) / self._focal[0]
-            rows = (y - self._middle[1]) / self._focal[1]
-            return np.stack(np.meshgrid(columns, rows), axis=-1)
-        pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        ways = rotate(camera.camera_from_world, camera.directions(pixels))
-        return np.asarray((ways[:, :2] / ways[:, 2:]).reshape(camera.height, camera.width, 2))
+            return np.asarray((pixels - self._middle) / self._focal)
+        ways = rotate(self.camera.camera_from_world, self.camera.directions(pixels))
+        return np.asarray(ways[:, :2] / ways[:, 2:])
 
     def placed(
         self, vertices_in_world: NDArray[np.float64], triangles: NDArray[np.int32]

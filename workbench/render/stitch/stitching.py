@@ -162,7 +162,7 @@ def fragments(
     position = np.full((*depth.shape, 3), np.nan)
     seen = triangle != NO_TRIANGLE
     deep = depth[seen].astype(np.float64)[:, None]
-    rays = np.column_stack([Screen(camera).slopes()[seen], np.ones(len(deep))])
+    rays = np.column_stack([Screen(camera).slopes(*np.nonzero(seen)), np.ones(len(deep))])
     position[seen] = (rays * deep) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
     return Fragments(
         camera,

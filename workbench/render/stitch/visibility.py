@@ -59,7 +59,5 @@ def visibility(scene: StitchScene, camera: PhotoCamera) -> Visibility:
     triangle = np.full(depth.shape, NO_TRIANGLE, np.int32)
     for mesh in range(scene.meshes):
         placed, _ = on_screen(scene, mesh, screen)
-        draw_front(
-            placed.pixels, placed.depths, placed.triangles, placed.numbers, depth, triangle
-        )
+        draw_front(placed.pixels, placed.depths, placed.triangles, placed.numbers, depth, triangle)
     return Visibility(depth, triangle, scene.mesh_of(triangle), scene.label_of(triangle))
