@@ -64,7 +64,6 @@ def read_edges(
     """
     h, w = picture.shape[:2]
     samples = colors.shape[1]
-    sums = np.empty((2, 3))
     for r in range(len(rows)):
         a, b = ends[r, 0], ends[r, 1]
         for s in range(samples):
@@ -76,22 +75,23 @@ def read_edges(
             x = min(max(x, 0.0), w - 1.0)
             y = min(max(y, 0.0), h - 1.0)
             left, top = math.floor(x), math.floor(y)
+            right, bottom = min(left + 1, w - 1), min(top + 1, h - 1)
             u, v = x - left, y - top
-            sums[:] = 0.0
-            usable = 0.0
-            for k in range(4):
-                j, i = min(top + (k >> 1), h - 1), min(left + (k & 1), w - 1)
-                weight = (u if k & 1 else 1.0 - u) * (v if k >> 1 else 1.0 - v)
-                good = picture[j, i, 3] > 0
-                if good:
-                    usable += weight
-                for c in range(3):
-                    value = weight * picture[j, i, c]
-                    sums[0, c] += value
-                    if good:
-                        sums[1, c] += value
+            p, q, m, n = (1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v
+            p_used = p if picture[top, left, 3] > 0 else 0.0
+            q_used = q if picture[top, right, 3] > 0 else 0.0
+            m_used = m if picture[bottom, left, 3] > 0 else 0.0
+            n_used = n if picture[bottom, right, 3] > 0 else 0.0
+            used = p_used + q_used + m_used + n_used
+            if used > 1e-6:
+                p, q, m, n = p_used / used, q_used / used, m_used / used, n_used / used
             for c in range(3):
-                value = sums[1, c] / usable if usable > 1e-6 else sums[0, c]
+                value = (
+                    p * picture[top, left, c]
+                    + q * picture[top, right, c]
+                    + m * picture[bottom, left, c]
+                    + n * picture[bottom, right, c]
+                )
                 colors[rows[r], s, c] = np.uint16(value * 257.0 + 0.5)
 
 

@@ -13,6 +13,9 @@ import numpy as np
 from workbench.errors import InputError
 from workbench.texturing.depth_map import DepthMap
 
+# Steps in which a scene's size is told, of an octave.
+_SIZES = 4
+
 # The size of scene that λs = 0.2 is meant for: costs of seams grow with length, those of
 # triangles with area, and the balance must not change with the unit or the object.
 _FAR_OF_SMOOTHNESS = 10.0
@@ -70,6 +73,8 @@ class CostOptions:
 def far_of_scene(depth_maps: Iterable[DepthMap], distances: float = 2.0) -> float:
     """So many times the median distance from which photographs show the scene: h of small objects.
 
+    It is rounded to a quarter of an octave, so that a few photographs more leave it as it is.
+
     Raises
     ------
     InputError : no depth map shows anything.
@@ -80,4 +85,5 @@ def far_of_scene(depth_maps: Iterable[DepthMap], distances: float = 2.0) -> floa
         raise InputError(
             "no photograph shows anything of the scene", fix="check the cameras against the surface"
         )
-    return float(distances * np.median(depths))
+    octaves = np.log2(distances * np.median(depths))
+    return float(2.0 ** (np.round(_SIZES * octaves) / _SIZES))

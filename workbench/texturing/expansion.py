@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from workbench.errors import InputError, WorkbenchError
 from workbench.kernels.expansion_graph import expansion_graph, take, undominated
 from workbench.kernels.pair_costs import rows_of_labels
-from workbench.texturing.labelling import Energy, Labelling, LabellingProblem
+from workbench.texturing.labelling import Energy, Labelling, LabellingProblem, by_photo
 from workbench.texturing.lower_bound import lower_bound
 
 # Rounding breaks the triangle inequality by this share at the most.
@@ -197,14 +197,9 @@ class _State:
     def _by_photo(self) -> dict[int, _Photo]:
         problem = self.problem
         owner = np.repeat(np.arange(problem.triangles), np.diff(problem.starts))
-        by_label = np.argsort(problem.labels, kind="stable")
-        by_edge_label = np.argsort(problem.edge_labels, kind="stable")
-        sorted_labels = problem.labels[by_label]
-        sorted_edge_labels = problem.edge_labels[by_edge_label]
-        photos = {}
-        for photo in np.unique(problem.labels).tolist():
-            first, last = np.searchsorted(sorted_labels, [photo, photo + 1])
-            which = by_label[first:last]
-            first, last = np.searchsorted(sorted_edge_labels, [photo, photo + 1])
-            photos[photo] = _Photo(owner[which], problem.costs[which], by_edge_label[first:last])
-        return photos
+        rows = by_photo(problem.edge_labels)
+        none = np.zeros(0, np.int64)
+        return {
+            photo: _Photo(owner[which], problem.costs[which], rows.get(photo, none))
+            for photo, which in by_photo(problem.labels).items()
+        }

@@ -143,6 +143,16 @@ class LabellingProblem:
         return Energy(float(self.costs[rows[rows >= 0]].sum()), float(seams.sum()))
 
 
+def by_photo(labels: NDArray[np.int32]) -> dict[int, NDArray[np.int64]]:
+    """Where each photograph of ``labels`` (n,) stands, in order."""
+    # NumPy sorts short numbers by their digits, in time that grows with n alone.
+    small = labels.max(initial=0) <= np.iinfo(np.int16).max
+    order = np.argsort(labels.astype(np.int16) if small else labels, kind="stable")
+    photos, first = np.unique(labels[order], return_index=True)
+    parts = np.split(order, first[1:])
+    return {int(photos[k]): parts[k] for k in range(len(photos))}
+
+
 @dataclass(frozen=True)
 class Energy:
     """Both terms of eq. 1; the smoothness with λs in it."""

@@ -15,7 +15,7 @@ from workbench.geometry.photo_camera import PhotoCamera
 from workbench.kernels.edge_colors import labels_of_edges, read_edges
 from workbench.texturing.candidates import Candidates
 from workbench.texturing.cost_options import CostOptions
-from workbench.texturing.labelling import LabellingProblem
+from workbench.texturing.labelling import LabellingProblem, by_photo
 
 
 def texture_problem(
@@ -38,10 +38,8 @@ def texture_problem(
     edges, ends = side_by_side(mesh.triangles)
     edge_starts, edge_labels = labels_of_edges(edges, candidates.starts, candidates.labels)
     colors = np.zeros((len(edge_labels), options.edge_samples, 3), np.uint16)
-    by_label = np.argsort(edge_labels, kind="stable")
     edge_of_row = np.repeat(np.arange(len(edges)), np.diff(edge_starts))
-    photos, first = np.unique(edge_labels[by_label], return_index=True)
-    for photo, rows in zip(photos.tolist(), np.split(by_label, first[1:]), strict=False):
+    for photo, rows in by_photo(edge_labels).items():
         used, ends_used = np.unique(ends[edge_of_row[rows]], return_inverse=True)
         pixels, depths = cameras[photo].project(mesh.vertices[used])
         read_edges(rows, ends_used.reshape(-1, 2), pixels, depths, pictures(photo), colors)
