@@ -51,9 +51,7 @@ class DistinctRows:
         for first in range(0, len(rows), step):
             part = slice(first, first + step)
             self._make_room(len(rows[part]))
-            self._count = enter_rows(
-                rows[part], self._kept, self._count, self._table, places[part]
-            )
+            self._count = enter_rows(rows[part], self._kept, self._count, self._table, places[part])
         return places
 
     def _make_room(self, more: int) -> None:
@@ -161,7 +159,9 @@ def _subtree_starts(codes: NDArray[np.uint64], level: int, depth: int) -> NDArra
     while at < len(codes):
         starts.append(at)
         after = ((int(codes[at]) >> shift) + 1) << shift
-        at = int(np.searchsorted(codes, np.uint64(after), "left")) if after < 1 << 64 else len(codes)
+        at = (
+            int(np.searchsorted(codes, np.uint64(after), "left")) if after < 1 << 64 else len(codes)
+        )
     return np.array(starts, np.int64)
 
 

@@ -63,5 +63,3 @@ def symmetric_dag(dag: VoxelDag) -> VoxelDag:
     if not dag.empty:
         root = int(words[root >> MIRROR_BITS]) ^ (root & 7)
     return VoxelDag(dag.level, tuple(reversed(levels)), root)
-
-
