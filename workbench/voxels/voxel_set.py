@@ -71,11 +71,12 @@ def grid_of_mesh(vertices: NDArray[np.float64], level: int) -> VoxelGrid:
             found=str(level),
             fix="Choose a resolution of 2**level voxels a side within them.",
         )
-    if not len(vertices) or not np.isfinite(vertices).all():
+    wrong = int((~np.isfinite(vertices)).any(axis=-1).sum())
+    if not len(vertices) or wrong:
         raise InputError(
             "A mesh without vertices, or with vertices that are not finite, has no bounds.",
             expected="finite coordinates",
-            found=f"{int((~np.isfinite(vertices)).any(axis=-1).sum())} of {len(vertices)} not finite",
+            found=f"{wrong} of {len(vertices)} not finite",
             fix="Repair the mesh: remove or move these vertices.",
         )
     low, high = vertices.min(axis=0), vertices.max(axis=0)
