@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from stages.color.anchoring import anchored_level
 from stages.color.cloud import colored_cloud, see_cloud
 from stages.color.flashing import FoundFlash, found_flash, with_leveled_gains
-from stages.color.items import light_photo, see_photo, surface_mesh
+from stages.color.items import light_photo, see_photo
 from stages.color.options import ColorOptions
 from stages.color.photographs import Photographs, Together
 from stages.color.telling import color_metrics, color_warnings, flash_document, flash_metrics
 from workbench.metrics import Metric
+from workbench.pipeline.photo_surface import surface_mesh, told_photo, told_surface
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.project import Scene
 
@@ -107,8 +108,8 @@ def run(job: Job[ColorOptions]) -> StageResult:
 def _subject(job: Job[ColorOptions], poses: Mapping[str, Any]) -> _Subject:
     """Look through every photograph that is placed."""
     products = job.products
-    surface = _surface_told(job)
-    mesh = surface_mesh(surface, lambda: products.load("surface"))
+    surface = told_surface(products)
+    mesh = surface_mesh(products, surface)
     inventory = products.load("photo_inventory")
     entries = {e["name"]: e for e in inventory["photos"] if not e["is_chart"]}
     payloads = _payloads(job, {n: poses[n] for n in entries if n in poses}, surface)
@@ -135,40 +136,25 @@ def _subject(job: Job[ColorOptions], poses: Mapping[str, Any]) -> _Subject:
     )
 
 
-def _surface_told(job: Job[ColorOptions]) -> dict[str, Any]:
-    """Which surface is coloured: the one made of the scans, or the user's own."""
-    if job.products.load_if_there("surface") is not None:
-        return {"hash": job.products.content_hash("surface"), "path": None}
-    path = job.products.input_paths("geometry_file")[0]
-    return {"hash": job.products.input_hash(path), "path": str(path)}
-
-
 def _payloads(
     job: Job[ColorOptions], poses: Mapping[str, Any], surface: dict[str, Any]
 ) -> dict[str, dict[str, Any]]:
     """What is asked of each photograph, with all that can change the answer."""
     products, options = job.products, job.options
     masked = set(products.items("photo_masks"))
-    sizes = {e["name"]: e["size"] for e in products.load("photo_inventory")["photos"]}
     weights = {
         name: getattr(options, name) for name in ("feather", "angle_power", "sharpness_power")
     }
-    payloads = {}
-    for name, pose in poses.items():
-        contents = [("developed_photos", name), ("unclipped_masks", name)]
-        contents += [("photo_masks", name)] if name in masked else []
-        payloads[name] = {
-            "name": name,
+    return {
+        name: told_photo(products, name, pose, name in masked)
+        | {
             "surface": surface,
-            "contents": [products.content_hash(*content) for content in contents],
-            "masked": name in masked,
-            "size": sizes[name],
             "image_px": options.image_px,
             "normal_px": options.normal_px,
-            "camera": {k: pose[k] for k in ("model", "size", "params", "camera_from_world")},
             "weights": weights,
         }
-    return payloads
+        for name, pose in poses.items()
+    }
 
 
 def _lit(
@@ -180,7 +166,7 @@ def _lit(
     if flash.light is None:
         products.remove_items_except("photo_lighting", set())
         return with_leveled_gains(flash, photos), photos
-    asked = ("name", "surface", "size", "image_px", "camera")
+    asked = ("name", "surface", "image_px", "camera")
     items = {
         name: {key: subject.payloads[name][key] for key in asked}
         | {

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.color.items import camera_of, ready_surface, weighed
+from stages.color.items import weighed
 from stages.color.photographs import Photographs, Together
 from workbench.metrics import Metric
+from workbench.pipeline.photo_surface import ready_surface, told_camera
 from workbench.pipeline.stage import Job
 from workbench.pipeline.tasks import ItemProducts, Payload
 
@@ -108,7 +109,9 @@ def see_cloud(products: ItemProducts, payload: Payload) -> dict[str, Any]:
             photo, weights=photo.weights * feathered(lit, payload["weights"]["feather"])
         )
     with LayeredCloud(products.load("sample_cloud")) as cloud:
-        found = observed(photo, NumberedChunks(cloud).blocks(camera_of(payload)))
+        found = observed(
+            photo, NumberedChunks(cloud).blocks(told_camera(payload["camera"], payload["image_px"]))
+        )
     products.save("cloud_observations", found.arrays(), payload["name"])
     return {"samples": len(found)}
 
