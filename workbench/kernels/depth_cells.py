@@ -13,8 +13,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 # The diagonal runs from the upper right to the lower left, not from the upper left to the lower
-# right; the triangle above it is there; the one below it is.
-OTHER_DIAGONAL, UPPER, LOWER = 1, 2, 4
+# right; the triangle above it is there; the one below it is; no two of the corners that are seen
+# have a step between them.
+OTHER_DIAGONAL, UPPER, LOWER, NO_STEP = 1, 2, 4, 8
+
+_SLOPE = 0.25
 
 
 @njit(cache=True, nogil=True)
@@ -86,7 +89,40 @@ def depth_cells(
             elif (rising == 0) != (falling == 0):
                 prefers_rising = falling == 0
             cells[j, i] = (rising | OTHER_DIAGONAL) if prefers_rising else falling
+            ul, ur = nearness[j, i] > 0.0, nearness[j, i + 1] > 0.0
+            ll, lr = nearness[j + 1, i] > 0.0, nearness[j + 1, i + 1] > 0.0
+            steps = (ul and ur and not top) or (ll and lr and not bottom)
+            if not (steps or (ul and ll and not left) or (ur and lr and not side)):
+                cells[j, i] |= NO_STEP
     return cells
+
+
+@njit(cache=True, nogil=True)
+def _beyond(
+    nearness: NDArray[np.float64],
+    right: NDArray[np.bool_],
+    down: NDArray[np.bool_],
+    x: float,
+    y: float,
+) -> tuple[float, float]:
+    """Nearness at a place, as the nearest of the square's pixels foretells it, and its spread.
+
+    0 where that pixel shows nothing.
+    """
+    i, j = int(x + 0.5), int(y + 0.5)
+    value = nearness[j, i]
+    across, along = 0.0, 0.0
+    if i < right.shape[1] and right[j, i]:
+        across = nearness[j, i + 1] - value
+    elif i > 0 and right[j, i - 1]:
+        across = value - nearness[j, i - 1]
+    if j < down.shape[0] and down[j, i]:
+        along = nearness[j + 1, i] - value
+    elif j > 0 and down[j - 1, i]:
+        along = value - nearness[j - 1, i]
+    if value <= 0.0:
+        return 0.0, 0.0
+    return value + (x - i) * across + (y - j) * along, abs(across) + abs(along)
 
 
 @njit(cache=True, nogil=True)
@@ -94,17 +130,22 @@ def lie_on_cells(
     pixels: NDArray[np.float64],
     depths: NDArray[np.float64],
     nearness: NDArray[np.float64],
+    right: NDArray[np.bool_],
+    down: NDArray[np.bool_],
     cells: NDArray[np.uint8],
     usable: NDArray[np.bool_],
     near: float,
 ) -> NDArray[np.bool_]:
     """(n,) whether points at pixels (n, 2) and depths (n,) lie on the triangles of a depth map.
 
+    Where the surface ends before nothing, it goes on to the edge of the last pixel that shows it;
+    where it ends at a step, what is behind may be hidden, and the last triangle is the end.
+
     Parameters
     ----------
     usable : (h, w); a point at another pixel does not.
-    near : share of its depth that a point may be away by, further to half of what the triangle's
-        own corners differ by.
+    near : share of its depth that a point may be away by, further to a quarter of what the
+        triangle's own corners differ by.
     """
     h, w = nearness.shape
     lie = np.zeros(len(pixels), np.bool_)
@@ -132,8 +173,11 @@ def lie_on_cells(
         else:
             there, a, b, c = code & LOWER, ul, ll, lr
             value = ul + v * (ll - ul) + u * (lr - ll)
-        if there == 0:
-            continue
         spread = max(a, max(b, c)) - min(a, min(b, c))
-        lie[k] = math.fabs(1.0 / depths[k] - value) <= near * value + 0.5 * spread
+        if there == 0:
+            if not code & NO_STEP:
+                continue
+            value, spread = _beyond(nearness, right, down, x, y)
+        away = math.fabs(1.0 / depths[k] - value)
+        lie[k] = value > 0.0 and away <= near * value + _SLOPE * spread
     return lie

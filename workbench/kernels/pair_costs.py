@@ -38,7 +38,7 @@ def difference(colors: NDArray[np.uint16], one: int, other: int) -> float:
         g = float(colors[one, s, 1]) - float(colors[other, s, 1])
         b = float(colors[one, s, 2]) - float(colors[other, s, 2])
         total += math.sqrt(r * r + g * g + b * b)
-    return total / (samples * _FULL)
+    return float(total / (samples * _FULL))
 
 
 @njit(cache=True, nogil=True)

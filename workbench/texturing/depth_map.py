@@ -90,7 +90,7 @@ class DepthMap:
         pixels, depths = self.camera.project(points_in_world)
         near = _NEAR_PX / self.camera.params[0]
         return np.asarray(
-            lie_on_cells(pixels, depths, self.nearness, self.cells, self.usable, near)
+            lie_on_cells(pixels, depths, self.nearness, *self.joints, self.cells, self.usable, near)
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -100,7 +100,8 @@ def _outer_gaps(depth_map: DepthMap, full: NDArray[np.bool_]) -> NDArray[np.bool
     """(h + 1, w + 1) squares, a ring around them added, in gaps that are no holes of the data."""
     if depth_map.closed:
         return ~full
-    count, gaps = cv2.connectedComponents((~full).astype(np.uint8), connectivity=4)
+    count, found = cv2.connectedComponents((~full).astype(np.uint8), connectivity=4)
+    gaps = np.asarray(found, np.int32)
     outer = np.zeros(count, bool)
     outer[gaps[0, 0]] = True
     seen = depth_map.nearness > 0.0

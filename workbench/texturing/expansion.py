@@ -163,7 +163,7 @@ class _State:
         self, gain: NDArray[np.float64], pairs: NDArray[np.int32], capacities: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """(nodes,) which of them take the photograph."""
-        import maxflow
+        import maxflow  # type: ignore[import-untyped]
 
         start = perf_counter()
         graph = maxflow.GraphFloat(len(gain), max(len(pairs), 1))
