@@ -102,6 +102,18 @@ def test_what_lies_behind_or_is_unusable_is_not_shown():
     assert masked.shows(points).tolist() == [True, False, False, False, False]
 
 
+def test_what_a_bent_lens_folds_back_is_not_shown():
+    """Far off the axis the model brings points back into the picture, onto the sheet it shows."""
+    camera = camera_at((0, -3, 0), bend=-0.35)
+    mesh = sheet((-9, 0, -9), (18, 0, 0), (0, 0, 18), 2)
+    far_off = np.array([[x, 0.0, 0.0] for x in np.linspace(3.2, 8.9, 200)])
+    pixels, depths = camera.project(far_off)
+    folded = (np.abs(pixels - [120, 90]) < [118, 88]).all(axis=1)
+    assert folded.sum() > 3
+    assert np.allclose(depths, 3.0)
+    assert not map_of(mesh, camera).shows(far_off[folded]).any()
+
+
 @pytest.mark.parametrize("turn", [0.0, 60.0, 78.0])
 def test_a_slanted_sheet_is_whole(turn):
     a = np.radians(turn)

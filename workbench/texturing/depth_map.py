@@ -28,6 +28,7 @@ _STEP_PX = 4.0
 _STEEPEST_PX = 10.0
 # How far from a depth map's surface a place on it may be, pixels' widths.
 _NEAR_PX = 2.0
+_REACH = 1.05
 # Discs of samples, of their distance, and how thick a surface of them is, of their radius.
 _DISC = 1.0
 _THICKNESS = 2.0
@@ -87,11 +88,33 @@ class DepthMap:
 
     def shows(self, points_in_world: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) whether points (n, 3) lie on the depth mesh, where the photograph can be used."""
-        pixels, depths = self.camera.project(points_in_world)
+        ahead = apply(self.camera.camera_from_world, points_in_world)
+        known = ahead[:, 2] > 0.0
+        known &= np.hypot(ahead[:, 0], ahead[:, 1]) <= self._reach * ahead[:, 2]
+        shown = np.zeros(len(known), bool)
+        pixels, depths = self.camera.project(points_in_world[known])
         near = _NEAR_PX / self.camera.params[0]
-        return np.asarray(
-            lie_on_cells(pixels, depths, self.nearness, *self.joints, self.cells, self.usable, near)
+        shown[known] = lie_on_cells(
+            pixels, depths, self.nearness, *self.joints, self.cells, self.usable, near
         )
+        return shown
+
+    @cached_property
+    def _reach(self) -> float:
+        """How far from the axis, per forward, the picture's own rays go, and a little more.
+
+        Models of lenses know nothing beyond, and may fold it back into the picture.
+        """
+        width, height = self.camera.width, self.camera.height
+        columns, rows = np.linspace(0.0, width, 9), np.linspace(0.0, height, 9)
+        border = np.concatenate(
+            [
+                np.stack(np.meshgrid(columns, [0.0, height]), axis=-1).reshape(-1, 2),
+                np.stack(np.meshgrid([0.0, width], rows), axis=-1).reshape(-1, 2),
+            ]
+        )
+        ways = rotate(self.camera.camera_from_world, self.camera.directions(border))
+        return _REACH * float((np.hypot(ways[:, 0], ways[:, 1]) / ways[:, 2]).max())
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """As stored, without the camera."""
