@@ -6,14 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-
-def _linear_of_srgb() -> NDArray[np.float64]:
-    """Linear light in [0, 1] of the 256 sRGB values (IEC 61966-2-1)."""
-    s = np.arange(256) / 255.0
-    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
-
-
-_LINEAR = _linear_of_srgb()
+from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE, srgb_byte
 
 
 @njit(cache=True, nogil=True)
@@ -30,7 +23,5 @@ def mean_of_ranges(
         for c in range(3):
             total = 0.0
             for k in range(first[i], first[i] + count[i]):
-                total += _LINEAR[colors[k, c]]
-            mean = total / count[i]
-            s = 12.92 * mean if mean <= 0.0031308 else 1.055 * mean ** (1.0 / 2.4) - 0.055
-            out[i, c] = np.uint8(255.0 * s + 0.5)
+                total += LINEAR_OF_BYTE[colors[k, c]]
+            out[i, c] = srgb_byte(total / count[i])

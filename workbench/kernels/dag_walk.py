@@ -46,15 +46,27 @@ def subtree_counts(
 
 @njit(cache=True, nogil=True)
 def expanded_codes(
-    rows: NDArray[np.uint32], starts: NDArray[np.int64], root: int, out: NDArray[np.uint64]
+    rows: NDArray[np.uint32],
+    starts: NDArray[np.int64],
+    top: int,
+    root: int,
+    root_code: np.uint64,
+    out: NDArray[np.uint64],
 ) -> int:
-    """Fill ``out`` (n,) with the Morton codes of all voxels, ascending; how many there are."""
+    """Fill ``out`` with the Morton codes of the voxels below a node, ascending; how many.
+
+    Parameters
+    ----------
+    rows, starts : the graph.
+    top, root, root_code : depth of the node, its word, and its own code.
+    out : (n,) with room for all.
+    """
     bricks = len(starts) - 2
     node, mirror = np.zeros(bricks + 1, np.int64), np.zeros(bricks + 1, np.int64)
-    child, code = np.zeros(bricks + 1, np.int64), np.zeros(bricks + 2, np.uint64)
-    node[0], mirror[0] = starts[0] + (root >> 3), root & 7
-    depth, count = 0, 0
-    while depth >= 0:
+    child, code = np.zeros(bricks + 1, np.int64), np.zeros(bricks + 1, np.uint64)
+    node[top], mirror[top], code[top] = starts[top] + (root >> 3), root & 7, root_code
+    depth, count = top, 0
+    while depth >= top:
         c = child[depth]
         if c == 8:
             depth -= 1

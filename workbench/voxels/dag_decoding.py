@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.kernels.dag_rows import MIRROR_BITS, NO_CHILD
 from workbench.kernels.dag_walk import (
     codes_of_masks,
     expanded_codes,
@@ -42,10 +45,36 @@ class DagWalk:
 
     def codes(self) -> NDArray[np.uint64]:
         """(n,) Morton codes of all voxels, ascending."""
-        out = np.empty(self.voxel_count, np.uint64)
-        if not self.dag.empty:
-            expanded_codes(self._rows, self._starts, self.dag.root, out)
-        return out
+        return next(self.code_parts(0), np.empty(0, np.uint64))
+
+    def code_parts(self, depth: int) -> Iterator[NDArray[np.uint64]]:
+        """Morton codes of the voxels, ascending, of one node of ``depth`` after the other.
+
+        Parameters
+        ----------
+        depth : 0 … level − 2; 0 gives one part.
+        """
+        codes, words = self._nodes_of(depth)
+        for code, word in zip(codes, words, strict=True):
+            place = self._starts[depth] + (word >> np.uint32(MIRROR_BITS))
+            out = np.empty(int(self._voxels[place]), np.uint64)
+            expanded_codes(self._rows, self._starts, depth, int(word), code, out)
+            yield out
+
+    def _nodes_of(self, depth: int) -> tuple[NDArray[np.uint64], NDArray[np.uint32]]:
+        """Codes and words of the octree's nodes of a depth, ascending."""
+        if self.dag.empty:
+            return np.empty(0, np.uint64), np.empty(0, np.uint32)
+        codes, words = np.zeros(1, np.uint64), np.array([self.dag.root], np.uint32)
+        children = np.arange(8)
+        for above in range(depth):
+            mirrors = words & np.uint32(7)
+            rows = self.dag.rows[above][words >> np.uint32(MIRROR_BITS)]
+            turned = np.take_along_axis(rows, children ^ mirrors[:, None].astype(np.int64), axis=1)
+            there = turned != NO_CHILD
+            below = codes[:, None] << np.uint64(3) | children.astype(np.uint64)
+            codes, words = below[there], (turned ^ mirrors[:, None])[there]
+        return codes, words
 
     def masks(self) -> NDArray[np.uint8]:
         """(n,) children's mask of every node of the octree, parents before children."""

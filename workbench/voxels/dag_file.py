@@ -15,7 +15,7 @@ from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 from workbench.formats.whole_file import whole_file
 from workbench.voxels.dag_colors import VoxelColors
-from workbench.voxels.dag_encoding import COMPACT, ENCODINGS, Encoding, EncodedGraph
+from workbench.voxels.dag_encoding import COMPACT, ENCODINGS, EncodedGraph, Encoding
 from workbench.voxels.voxel_dag import COARSEST_LEVEL, FINEST_LEVEL
 from workbench.voxels.voxel_set import VoxelGrid
 
