@@ -208,10 +208,12 @@ def test_the_separating_subset_is_closed_and_thin(sphere):
     blocked[tuple(subset.cells.T)] = True
     outside = reached(blocked)
     assert not outside[32, 32, 32]
-    # As many voxels as the sphere has faces of the three axis crosses: the mean of
-    # max(|n_x|, |n_y|, |n_z|) over directions is 0.83 and neighbours share the rest; the
-    # conservative set is about 1.8 times as large.
-    assert len(subset) < 0.62 * len(voxels)
+    # A plane meets the crosses of max |n| voxels per voxel's face and touches |n|₁ of them;
+    # over all directions 0.831 and 1.5.
+    area = voxels.area.sum() / grid.voxel_size**2
+    mean = 6 / (np.pi * np.sqrt(2)) * np.arctan(1 / np.sqrt(2))
+    assert len(subset) == pytest.approx(mean * area, rel=0.01)
+    assert len(voxels) == pytest.approx(1.5 * area, rel=0.01)
     # Thin: each of its voxels has an empty neighbour outside and one inside.
     inside = ~outside & ~blocked
     for side in (outside, inside):

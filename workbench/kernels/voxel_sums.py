@@ -26,7 +26,7 @@ ROW = FACES + 6 * FACE_STRIDE
 # Bit 6 of a voxel's flags; bits 0…5 are its outward faces.
 SEPARATING = 64
 # Weight of a touch without area: it decides attributes only where there is nothing else.
-_LEAST_WEIGHT = 1e-12
+LEAST_WEIGHT = 1e-12
 # A face with less of the voxel's weight does not make a voxel two-sided.
 _LEAST_SHARE = 0.01
 # Cells whose marks are looked through at once when a block is emptied.
@@ -154,7 +154,7 @@ def add_triangles(
                             plane = base[k] + along_u[k] * middle_u + along_v[k] * middle_v
                             color[k] = min(max(plane, least[k]), most[k])
                     sums[at, AREA] += area
-                    weight = max(area, _LEAST_WEIGHT)
+                    weight = max(area, LEAST_WEIGHT)
                     mask = add_sides(sums[at], weight, normal, color, colored)
                     if not flags[at] & SEPARATING and separates(whole, x + 0.5, y + 0.5, z + 0.5):
                         mask |= SEPARATING

@@ -39,6 +39,8 @@ from workbench.voxels.voxel_set import SidedVoxels, VoxelGrid, VoxelSet, joined_
 
 FINEST_LEVEL = 14
 BLOCK_LEVEL = 6
+# Numbers are held for 8**8 blocks at most, 128 MB.
+_MOST_BLOCK_LEVELS = FINEST_LEVEL - BLOCK_LEVEL
 _FACES = 63
 
 
@@ -63,6 +65,18 @@ class VoxelisationOptions:
     least_coherence: float = 0.5
     workers: int = 1
     pairs_at_once: int = 1 << 26
+
+
+@dataclass(frozen=True)
+class SurfacePart:
+    """The voxels of one cube, and lists of the triangles that come near it."""
+
+    voxels: VoxelSet
+    lists: list[NDArray[np.int32]]
+
+    def triangles(self) -> NDArray[np.int32]:
+        """Rows of the mesh's triangles that touch the cube, ascending; a few pass close by."""
+        return np.unique(np.concatenate([np.zeros(0, np.int32), *self.lists]))
 
 
 @dataclass(frozen=True)
@@ -111,6 +125,18 @@ def voxel_parts(
     *,
     part_level: int = 8,
 ) -> Iterator[VoxelSet]:
+    """The voxels of `surface_parts` without the triangles they were made of."""
+    for part in surface_parts(mesh, grid, options, part_level=part_level):
+        yield part.voxels
+
+
+def surface_parts(
+    mesh: TriangleMesh,
+    grid: VoxelGrid,
+    options: VoxelisationOptions | None = None,
+    *,
+    part_level: int = 8,
+) -> Iterator[SurfacePart]:
     """The voxels of a grid that a mesh touches, cube after cube in Morton order.
 
     A voxel is in the set when its closed cube and a triangle with area have a point in
@@ -127,7 +153,8 @@ def voxel_parts(
         See `VoxelisationOptions`.
     part_level
         Each part holds the voxels of one aligned cube of 2**part_level voxels a side, or of
-        the whole grid where that is smaller; cubes without surface are left out.
+        the whole grid where that is smaller; cubes without surface are left out. Grids may
+        have 2**8 cubes a side.
 
     Yields
     ------
@@ -139,29 +166,29 @@ def voxel_parts(
         Vertices that are not finite or outside the grid, or a level out of bounds.
     """
     chosen = options or VoxelisationOptions()
-    job = _Job.of(mesh, grid, chosen)
+    job = _Job.of(mesh, grid, chosen, part_level)
     ahead = 2 * chosen.workers
-    waiting: deque[Future[VoxelSet]] = deque()
+    waiting: deque[Future[SurfacePart]] = deque()
     found = False
     with ThreadPoolExecutor(chosen.workers) as pool:
         try:
-            for blocks, lists in job.cubes(min(part_level, grid.level)):
+            for blocks, lists in job.cubes(part_level):
                 waiting.append(pool.submit(job.part, blocks, lists))
                 if len(waiting) > ahead:
                     part = waiting.popleft().result()
-                    if len(part):
-                        found = True
+                    found = found or len(part.voxels) > 0
+                    if len(part.voxels):
                         yield part
-            for left in waiting:
-                part = left.result()
-                if len(part):
-                    found = True
+            while waiting:
+                part = waiting.popleft().result()
+                found = found or len(part.voxels) > 0
+                if len(part.voxels):
                     yield part
         finally:
             for left in waiting:
                 left.cancel()
     if not found:
-        yield job.empty()
+        yield SurfacePart(job.block(0, np.zeros(0, np.int32)), [])
 
 
 class _Scratch:
@@ -184,10 +211,14 @@ class _Job:
     points: NDArray[np.float64]
     colors: NDArray[np.float64]
     triangles: NDArray[np.int32]
+    block_level: int
     local: threading.local
 
     @classmethod
-    def of(cls, mesh: TriangleMesh, grid: VoxelGrid, options: VoxelisationOptions) -> _Job:
+    def of(
+        cls, mesh: TriangleMesh, grid: VoxelGrid, options: VoxelisationOptions, part_level: int
+    ) -> _Job:
+        # A single voxel has no plane in its middle, where coordinates start.
         if not 1 <= grid.level <= FINEST_LEVEL:
             raise InputError(
                 "The resolution is out of bounds.",
@@ -195,6 +226,9 @@ class _Job:
                 found=str(grid.resolution),
                 fix="Choose a resolution within them.",
             )
+        block_level = min(BLOCK_LEVEL, part_level, grid.level)
+        if block_level < max(grid.level - _MOST_BLOCK_LEVELS, 0):
+            raise ValueError(f"parts of level {part_level} are too many for such a grid")
         # From the middle of the grid: a mirrored mesh has the same numbers with another sign.
         points = (mesh.vertices - grid.center) / grid.voxel_size
         inside = np.abs(points) < 0.5 * grid.resolution
@@ -211,11 +245,7 @@ class _Job:
         if "color" in mesh.vertex_attributes:
             colors = LINEAR_OF_BYTE[np.asarray(mesh.vertex_attributes["color"], np.uint8)]
         triangles = np.ascontiguousarray(mesh.triangles, np.int32)
-        return cls(grid, options, points, colors, triangles, threading.local())
-
-    @property
-    def block_level(self) -> int:
-        return min(BLOCK_LEVEL, self.grid.level)
+        return cls(grid, options, points, colors, triangles, block_level, threading.local())
 
     def cubes(self, level: int) -> Iterator[tuple[NDArray[np.int64], list[NDArray[np.int32]]]]:
         """Morton numbers of the blocks of each cube of 2**level voxels, and their triangles."""
@@ -241,9 +271,10 @@ class _Job:
                 yield blocks, [lists[starts[b - low] : starts[b - low + 1]] for b in blocks]
             begin = stop
 
-    def part(self, blocks: NDArray[np.int64], lists: list[NDArray[np.int32]]) -> VoxelSet:
+    def part(self, blocks: NDArray[np.int64], lists: list[NDArray[np.int32]]) -> SurfacePart:
         """The voxels of some blocks, together."""
-        return joined_voxels([self.block(int(b), t) for b, t in zip(blocks, lists, strict=True)])
+        voxels = [self.block(int(b), t) for b, t in zip(blocks, lists, strict=True)]
+        return SurfacePart(joined_voxels(voxels), lists)
 
     def block(self, number: int, chosen: NDArray[np.int32]) -> VoxelSet:
         """The voxels of the block with a Morton number."""
@@ -252,7 +283,6 @@ class _Job:
         if scratch is None:
             scratch = self.local.scratch = _Scratch(side)
         cell = morton_cells(np.array([number], np.uint64))[0].astype(np.int64)
-        # One voxel a side has no plane in its middle; such a grid is refused.
         corner = cell * side - self.grid.resolution // 2
         sums, flags = scratch.sums, scratch.flags
         used = add_triangles(
@@ -287,10 +317,6 @@ class _Job:
             (found & SEPARATING).astype(np.bool_),
             SidedVoxels(index, face_normal, face_color if colored else None),
         )
-
-    def empty(self) -> VoxelSet:
-        """No voxels."""
-        return self.block(0, np.zeros(0, np.int32))
 
 
 def _opposite(faces: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -1,0 +1,153 @@
+"""Voxels of one level added up to those of the next, and faces handed on to neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, uint64
+from numpy.typing import NDArray
+
+from workbench.kernels.morton import gathered_bits, spread_bits
+from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
+from workbench.kernels.voxel_sums import (
+    AREA,
+    COLOR,
+    LEAST_WEIGHT,
+    NORMAL,
+    SEPARATING,
+    WEIGHT,
+    add_to_face,
+)
+
+# A face that is set counts this much at least, however steeply the surface passes it.
+_LEAST_TOWARD = 0.05
+
+
+@njit(cache=True, nogil=True)
+def add_voxels(
+    run: NDArray[np.int64], area: NDArray[np.float64], normal: NDArray[np.float32],
+    color: NDArray[np.uint8], faces: NDArray[np.uint8], separating: NDArray[np.bool_],
+    side: NDArray[np.int32], face_normal: NDArray[np.float32], face_color: NDArray[np.uint8],
+    sums: NDArray[np.float64], flags: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Add voxels to the sums of the coarser voxels they lie in, in order.
+
+    Parameters
+    ----------
+    run : (n,) row of the sums for each voxel.
+    area, normal, color, faces, separating : (n, …) as in a voxel set; ``color`` (0, 3)
+        without colour.
+    side : (n,) row of ``face_normal`` and ``face_color`` (k, 6, 3), or −1.
+    sums, flags : (m, ROW) and (m,), zero; the sums of ``workbench.kernels.voxel_sums``.
+    """
+    colored = len(color) > 0
+    one_normal, one_color = np.empty(3), np.zeros(3)
+    for i in range(len(run)):
+        row = sums[run[i]]
+        weight = max(area[i], LEAST_WEIGHT)
+        row[AREA] += area[i]
+        row[WEIGHT] += weight
+        flags[run[i]] |= faces[i] | (SEPARATING if separating[i] else 0)
+        present = 0
+        for face in range(6):
+            present += faces[i] >> face & 1
+        for k in range(3):
+            one_normal[k] = normal[i, k]
+            if colored:
+                one_color[k] = LINEAR_OF_BYTE[color[i, k]]
+                row[COLOR + k] += weight * one_color[k]
+            if side[i] < 0:
+                row[NORMAL + k] += weight * one_normal[k]
+        for face in range(6):
+            if not faces[i] & (1 << face):
+                continue
+            if side[i] >= 0:
+                # Where faces differ the mean of their normals tells whether they cancel.
+                for k in range(3):
+                    one_normal[k] = face_normal[side[i], face, k]
+                    row[NORMAL + k] += weight * one_normal[k] / present
+                    if colored:
+                        one_color[k] = LINEAR_OF_BYTE[face_color[side[i], face, k]]
+            toward = one_normal[face // 2] * (1.0 if face % 2 else -1.0)
+            add_to_face(
+                row, face, weight * max(toward, _LEAST_TOWARD), one_normal, one_color, colored
+            )
+
+
+@njit(cache=True, nogil=True)
+def _neighbour(codes: NDArray[np.uint64], code: int, face: int, level: int) -> int:
+    """Row of the voxel beyond a face, −1 when it is not there, −2 outside the chunk."""
+    axis = face // 2
+    at = gathered_bits(code >> uint64(axis))
+    beyond = at + 1 if face % 2 else at - 1
+    if at >> level != beyond >> level:
+        return -2
+    others = code & ~(uint64(0x1249249249249249) << uint64(axis))
+    beyond_code = others | (spread_bits(beyond) << uint64(axis))
+    place = np.searchsorted(codes, beyond_code)
+    return place if place < len(codes) and codes[place] == beyond_code else -1
+
+
+@njit(cache=True, nogil=True)
+def _main_axis(normal: NDArray[np.float32]) -> int:
+    axis = 0
+    for k in range(1, 3):
+        if abs(normal[k]) > abs(normal[axis]):
+            axis = k
+    return axis
+
+
+@njit(cache=True, nogil=True)
+def thin_subset(
+    codes: NDArray[np.uint64], faces: NDArray[np.uint8], normal: NDArray[np.float32],
+    separating: NDArray[np.bool_], level: int,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Which voxels (n,) of a chunk to keep: the separating ones and what they leave out.
+
+    Needles and specks that pass between the middles of voxels must not vanish: a voxel whose
+    surface looks both ways along its main axis stays, and so does one that has no separating
+    voxel before or behind it.
+
+    Parameters
+    ----------
+    codes, faces, normal, separating : (n, …) as in a voxel set, of one chunk.
+    level : chunks are cubes of 2**level voxels a side.
+    """
+    keep = separating.copy()
+    for i in range(len(codes)):
+        axis = _main_axis(normal[i])
+        keep[i] |= (faces[i] >> (2 * axis) & 3) == 3
+    alone = np.zeros(len(codes), np.bool_)
+    for i in range(len(codes)):
+        if not keep[i]:
+            axis = _main_axis(normal[i])
+            before = _neighbour(codes, codes[i], 2 * axis, level)
+            behind = _neighbour(codes, codes[i], 2 * axis + 1, level)
+            alone[i] = not (before >= 0 and keep[before]) and not (behind >= 0 and keep[behind])
+    return keep | alone
+
+
+@njit(cache=True, nogil=True)
+def faces_of_kept(
+    codes: NDArray[np.uint64], faces: NDArray[np.uint8], keep: NDArray[np.bool_], level: int
+) -> NDArray[np.uint8]:
+    """Masks (n,) in which outward faces of dropped voxels have moved to those behind them.
+
+    A plate thinner than a voxel may be kept without its rim: the voxel behind the dropped
+    one then closes the rim.
+
+    Parameters
+    ----------
+    codes : (n,) ascending Morton codes, of one chunk.
+    faces, keep : (n,) outward faces and which voxels are kept.
+    level : chunks are cubes of 2**level voxels a side.
+    """
+    moved = faces.copy()
+    for i in range(len(codes)):
+        if keep[i]:
+            continue
+        for face in range(6):
+            if faces[i] & (1 << face):
+                behind = _neighbour(codes, codes[i], face ^ 1, level)
+                if behind >= 0 and keep[behind]:
+                    moved[behind] |= 1 << face
+    return moved
