@@ -13,6 +13,7 @@ from stages.ingest import INGEST
 from stages.mask import MASK
 from stages.orient import ORIENT
 from stages.register import REGISTER
+from stages.texture import TEXTURE
 from stages.verify import VERIFY
 from workbench.cli import run_cli
 from workbench.pipeline.planner import Pipeline
@@ -26,6 +27,7 @@ PIPELINE: Pipeline = (
     INFILL,  # Jaspe 2018, 3.4.6: screened Poisson closes what no scan saw
     ORIENT,  # Jaspe 2018, 3.4.2: where the photographs were taken from, against the surface
     COLOR,  # Jaspe 2018, 3.4.5 and 3.4.6: photographs blended onto the surface, without flash
+    TEXTURE,  # Arikan et al. 2014: a photograph for every triangle, of each camera and of the whole
     EXPORT,
     VERIFY,
 )

@@ -153,6 +153,8 @@ _TABLE = (
     ),
     Artefact("texturing", "work/texture/texturing.json", "json", "order and place of photographs"),
     Artefact("labelled_surface", "work/texture/surface.npz", "arrays", "photographs of a mesh"),
+    Artefact("texture_atlas", "work/texture/atlas.npz", "arrays", "the surface cut for its atlas"),
+    Artefact("texture_pages", "work/texture/pages/{item}.png", "picture", "the atlas"),
     Artefact("textured_glb", "exports/textured.glb", "file", "the textured surface for the web"),
     Artefact("textured_obj", "exports/textured/textured.obj", "file", "for general tools"),
     Artefact("surface_ply", "exports/surface.ply", "file", "the surface with all attributes"),
