@@ -73,6 +73,44 @@ def levelling_constraints(
 
 
 @njit(cache=True, nogil=True)
+def along_borders(
+    kind: NDArray[np.uint8],
+    label: NDArray[np.int32],
+    change: NDArray[np.float32],
+    radius: int,
+) -> NDArray[np.float32]:
+    """Changes (h, w, 3) given at borders, averaged over those of the same label around.
+
+    Neighbouring pixels differ by the surface's own colours, too, which has nothing to do with
+    the photographs and differs from place to place along a border.
+
+    Parameters
+    ----------
+    kind, change : of `levelling_constraints`.
+    label : (h, w).
+    radius : half the side of the square that is around, pixels.
+    """
+    height, width = kind.shape
+    out = change.copy()
+    total = np.empty(_CHANNELS)
+    for row in range(height):
+        for column in range(width):
+            if kind[row, column] != BORDER:
+                continue
+            total[:] = 0.0
+            count = 0
+            for r in range(max(row - radius, 0), min(row + radius, height - 1) + 1):
+                for c in range(max(column - radius, 0), min(column + radius, width - 1) + 1):
+                    if kind[r, c] == BORDER and label[r, c] == label[row, column]:
+                        count += 1
+                        for k in range(_CHANNELS):
+                            total[k] += change[r, c, k]
+            for k in range(_CHANNELS):
+                out[row, column, k] = total[k] / count
+    return out
+
+
+@njit(cache=True, nogil=True)
 def finest_grid(
     kind: NDArray[np.uint8], change: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:

@@ -34,6 +34,7 @@ def lowest_penalties(
 @njit(cache=True, nogil=True)
 def voted(
     chosen: NDArray[np.int8],
+    voters: NDArray[np.int8],
     slot_triangle: NDArray[np.int32],
     slot_depth: NDArray[np.float32],
     labels: NDArray[np.int32],
@@ -43,7 +44,7 @@ def voted(
     radius: int,
     label_weight: float,
     mesh_weight: float,
-) -> tuple[NDArray[np.int8], int]:
+) -> NDArray[np.int8]:
     """Choose again at every pixel, knowing what its neighbours chose; all pixels at once.
 
     A fragment's cost is its penalty, plus `label_weight` times the share of neighbours that
@@ -54,6 +55,7 @@ def voted(
     Parameters
     ----------
     chosen : (h, w) slots as chosen before, −1 for none.
+    voters : the same, but −1 also where a pixel is to have no vote yet.
     slot_triangle, slot_depth : (h, w, k) of those who compete.
     labels, meshes, penalties : (t,) of the triangles.
     epsilon : metres.
@@ -62,52 +64,73 @@ def voted(
 
     Returns
     -------
-    (h, w) slots, and how many pixels changed.
+    (h, w) slots.
     """
     height, width, slots = slot_triangle.shape
     out = chosen.copy()
+    label, mesh, depth = _as_chosen(voters, slot_triangle, slot_depth, labels, meshes)
+    own_label = np.empty(slots, np.int32)
+    own_mesh = np.empty(slots, np.int32)
     same_label = np.empty(slots)
     same_mesh = np.empty(slots)
-    changed = 0
     for row in range(height):
         for column in range(width):
             mine = chosen[row, column]
             if mine == _NONE or slots < 2 or slot_triangle[row, column, 1] == _NONE:
                 continue
-            same_label[:] = 0.0
-            same_mesh[:] = 0.0
-            z = slot_depth[row, column, mine]
-            neighbours = 0
-            for r in range(max(row - radius, 0), min(row + radius, height - 1) + 1):
-                for c in range(max(column - radius, 0), min(column + radius, width - 1) + 1):
-                    theirs = chosen[r, c]
-                    if theirs == _NONE or (r == row and c == column):
-                        continue
-                    far = max(abs(r - row), abs(c - column))
-                    if abs(slot_depth[r, c, theirs] - z) > epsilon * far:
-                        continue
-                    neighbours += 1
-                    other = slot_triangle[r, c, theirs]
-                    for s in range(slots):
-                        t = slot_triangle[row, column, s]
-                        if t == _NONE:
-                            break
-                        same_label[s] += labels[t] == labels[other]
-                        same_mesh[s] += meshes[t] == meshes[other]
-            if neighbours == 0:
-                continue
-            best = np.inf
+            count = 0
             for s in range(slots):
                 t = slot_triangle[row, column, s]
                 if t == _NONE:
                     break
-                cost = penalties[t] + label_weight * (1.0 - same_label[s] / neighbours)
+                own_label[s], own_mesh[s] = labels[t], meshes[t]
+                same_label[s], same_mesh[s] = 0.0, 0.0
+                count += 1
+            z = slot_depth[row, column, mine]
+            neighbours = 0
+            for r in range(max(row - radius, 0), min(row + radius, height - 1) + 1):
+                for c in range(max(column - radius, 0), min(column + radius, width - 1) + 1):
+                    far = max(abs(r - row), abs(c - column))
+                    # Where nothing is, depth is infinite.
+                    if far == 0 or not abs(depth[r, c] - z) <= epsilon * far:
+                        continue
+                    neighbours += 1
+                    for s in range(count):
+                        same_label[s] += own_label[s] == label[r, c]
+                        same_mesh[s] += own_mesh[s] == mesh[r, c]
+            if neighbours == 0:
+                continue
+            best = np.inf
+            for s in range(count):
+                cost = penalties[slot_triangle[row, column, s]]
+                cost += label_weight * (1.0 - same_label[s] / neighbours)
                 cost += mesh_weight * (1.0 - same_mesh[s] / neighbours)
                 if cost < best or (cost == best and s == mine):
                     best = cost
                     out[row, column] = s
-            changed += out[row, column] != mine
-    return out, changed
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _as_chosen(
+    chosen: NDArray[np.int8],
+    slot_triangle: NDArray[np.int32],
+    slot_depth: NDArray[np.float32],
+    labels: NDArray[np.int32],
+    meshes: NDArray[np.int32],
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """Label, mesh and depth (h, w) of the chosen slots; depth is infinite where none is."""
+    label = np.full(chosen.shape, _NONE, np.int32)
+    mesh = np.full(chosen.shape, _NONE, np.int32)
+    depth = np.full(chosen.shape, np.inf, np.float32)
+    for row in range(chosen.shape[0]):
+        for column in range(chosen.shape[1]):
+            s = chosen[row, column]
+            if s != _NONE:
+                t = slot_triangle[row, column, s]
+                label[row, column], mesh[row, column] = labels[t], meshes[t]
+                depth[row, column] = slot_depth[row, column, s]
+    return label, mesh, depth
 
 
 @njit(cache=True, nogil=True)

@@ -19,6 +19,7 @@ _HALF = 128
 _NONE = -1
 
 Edge = tuple[int, int, int]
+Plane = tuple[float, float, float, float, float]
 
 
 @njit(cache=True, nogil=True)
@@ -53,7 +54,7 @@ def _shape(
     triangle: NDArray[np.int32],
     width: int,
     height: int,
-) -> tuple[int, int, int, int, Edge, Edge, Edge, float, float, float]:
+) -> tuple[int, int, int, int, Edge, Edge, Edge, Plane]:
     """Rows and columns a triangle may touch, its edges, and 1 / depth as a plane over pixels.
 
     The last row is before the first where nothing is to be drawn: the triangle turns its back,
@@ -72,13 +73,27 @@ def _shape(
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     ab, bc, ca = _edge(ax, ay, bx, by), _edge(bx, by, cx, cy), _edge(cx, cy, ax, ay)
     if area <= 0 or left > right:
-        return 0, -1, left, right, ab, bc, ca, 0.0, 0.0, 0.0
+        return 0, -1, left, right, ab, bc, ca, (0.0, 0.0, 0.0, 0.0, 0.0)
     za, zb, zc = 1.0 / depths[a], 1.0 / depths[b], 1.0 / depths[c]
-    scale = _GRID / float(area)
-    across = ((zb - za) * (cy - ay) - (zc - za) * (by - ay)) * scale
-    down = ((zc - za) * (bx - ax) - (zb - za) * (cx - ax)) * scale
-    start = za - across * (ax / _GRID) - down * (ay / _GRID)
-    return top, bottom, left, right, ab, bc, ca, start, across, down
+    x, y = pixels[a, 0], pixels[a, 1]
+    ux, uy, vx, vy = pixels[b, 0] - x, pixels[b, 1] - y, pixels[c, 0] - x, pixels[c, 1] - y
+    twice = ux * vy - uy * vx
+    if not twice > 0.5 * area / _GRID**2:
+        # So small that the rounding of its corners has made it: only rounded it has a slope.
+        x, y = ax / _GRID, ay / _GRID
+        ux, uy, vx, vy = bx / _GRID - x, by / _GRID - y, cx / _GRID - x, cy / _GRID - y
+        twice = area / _GRID**2
+    across = ((zb - za) * vy - (zc - za) * uy) / twice
+    down = ((zc - za) * ux - (zb - za) * vx) / twice
+    plane = (za - across * x - down * y, across, down, min(za, zb, zc), max(za, zb, zc))
+    return top, bottom, left, right, ab, bc, ca, plane
+
+
+@njit(cache=True, nogil=True)
+def _depth(plane: Plane, row: int, column: int) -> np.float32:
+    """At a pixel's middle, and never outside of what the corners have."""
+    nearness = plane[0] + plane[1] * (column + 0.5) + plane[2] * (row + 0.5)
+    return np.float32(1.0 / min(max(nearness, plane[3]), plane[4]))
 
 
 @njit(cache=True, nogil=True)
@@ -105,7 +120,7 @@ def draw_front(
     """
     height, width = depth.shape
     for t in range(len(triangles)):
-        top, bottom, left, right, ab, bc, ca, start, across, down = _shape(
+        top, bottom, left, right, ab, bc, ca, plane = _shape(
             pixels, depths, triangles[t], width, height
         )
         for row in range(top, bottom + 1):
@@ -113,9 +128,8 @@ def draw_front(
             first, last = _narrowed(ab, y, left, right)
             first, last = _narrowed(bc, y, first, last)
             first, last = _narrowed(ca, y, first, last)
-            nearness = start + down * (row + 0.5)
             for column in range(first, last + 1):
-                z = np.float32(1.0 / (nearness + across * (column + 0.5)))
+                z = _depth(plane, row, column)
                 if z < depth[row, column]:
                     depth[row, column] = z
                     triangle[row, column] = numbers[t]
@@ -152,7 +166,7 @@ def draw_competing(
     """
     height, width, slots = slot_depth.shape
     for t in range(len(triangles)):
-        top, bottom, left, right, ab, bc, ca, start, across, down = _shape(
+        top, bottom, left, right, ab, bc, ca, plane = _shape(
             pixels, depths, triangles[t], width, height
         )
         number = numbers[t]
@@ -161,9 +175,8 @@ def draw_competing(
             first, last = _narrowed(ab, y, left, right)
             first, last = _narrowed(bc, y, first, last)
             first, last = _narrowed(ca, y, first, last)
-            nearness = start + down * (row + 0.5)
             for column in range(first, last + 1):
-                z = np.float32(1.0 / (nearness + across * (column + 0.5)))
+                z = _depth(plane, row, column)
                 if z > front[row, column] + epsilon:
                     continue
                 depth, held = slot_depth[row, column], slot_triangle[row, column]

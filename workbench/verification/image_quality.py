@@ -73,7 +73,7 @@ def ssim(
     ).astype(bool)
     _check(picture, inside, truth)
     box = _box(mask)
-    _, similar = structural_similarity(
+    _, similar = structural_similarity(  # type: ignore[no-untyped-call]
         np.asarray(picture, np.float64)[box],
         np.asarray(truth, np.float64)[box],
         win_size=_SSIM_SIDE,
@@ -103,9 +103,9 @@ def sharpness(picture: NDArray[np.floating], mask: NDArray[np.bool_]) -> float:
         mask.astype(np.uint8), cross, borderType=cv2.BORDER_CONSTANT, borderValue=0
     ).astype(bool)
     _check(picture, inside)
-    luma = np.asarray(picture, np.float64) @ [0.2126, 0.7152, 0.0722] * _DISPLAY
+    luma = _DISPLAY * (np.asarray(picture, np.float64) @ np.array([0.2126, 0.7152, 0.0722]))
     down, across = np.gradient(luma)
-    return float((down**2 + across**2)[inside].mean())
+    return float(np.asarray(down**2 + across**2)[inside].mean())
 
 
 def color_steps(

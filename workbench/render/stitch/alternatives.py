@@ -107,8 +107,8 @@ def blended(
         way = cameras[photo].center - places
         distance = np.linalg.norm(way, axis=1)
         cosine = (way * normals).sum(axis=1) / np.maximum(distance, 1e-12)
-        seen = inside & (deep <= depth[row, column] + scene.epsilon) & (cosine > _LEAST_COSINE)
-        which = np.flatnonzero(seen)
+        near = deep <= depth[row, column] + scene.epsilon
+        which = np.flatnonzero(inside & near & (cosine > _LEAST_COSINE))
         pixels, _ = cameras[photo].project(places[which])
         colors, coverage = between_texels(pictures(photo), pixels)
         weight = cosine[which] / distance[which] ** 2 * coverage

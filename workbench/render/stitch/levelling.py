@@ -21,6 +21,7 @@ from workbench.kernels.levelling_multigrid import (
     FREE,
     STEP,
     Grid,
+    along_borders,
     coarser_grid,
     corrected,
     dots,
@@ -42,13 +43,16 @@ class LevellingSettings:
     ----------
     iterations : at most (Arikan et al., table 3: 8).
     tolerance : it ends where the residual is this share of what it began with for a change of 0.
+    radius_px : what is given at a border is averaged along it over so many pixels before it
+        spreads; 0 spreads every pixel's own.
     """
 
     iterations: int = 8
     tolerance: float = 1e-3
+    radius_px: int = 8
 
     def __post_init__(self) -> None:
-        if self.iterations < 0 or not self.tolerance >= 0.0:
+        if self.iterations < 0 or self.radius_px < 0 or not self.tolerance >= 0.0:
             raise InputError("settings of levelling out of bounds", found=str(self))
 
 
@@ -71,7 +75,7 @@ class Levelling:
 
     def applied(self, color: NDArray[np.float32]) -> NDArray[np.float32]:
         """Levelled colours (h, w, 3), in [0, 1]."""
-        return np.clip(color + self.change, np.float32(0.0), np.float32(1.0))
+        return np.asarray(np.clip(color + self.change, np.float32(0.0), np.float32(1.0)))
 
 
 def levelling(
@@ -99,14 +103,15 @@ def levelling(
     rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     kind, change = np.ascontiguousarray(kinds[box]), np.ascontiguousarray(given[box])
-    right, down, diagonal, b = finest_grid(kind, change)
+    spread = along_borders(kind, label[box], change, settings.radius_px)
+    right, down, diagonal, b = finest_grid(kind, spread)
     given = (kind == BORDER) | (kind == STEP)
     reached = _reached(kind, given)
     # An island without any given pixel has nothing to level: its equation has no one answer.
     right, down, diagonal = (
         np.where(reached, part, np.float32(0.0)) for part in (right, down, diagonal)
     )
-    guess = _first_guess(given, reached, change)
+    guess = _first_guess(given, reached, spread)
     solver = _Multigrid((right, down, diagonal))
     solution, done, left = solver.solved(guess, b, settings)
     full[box] = np.where((kind == FREE)[..., None], solution, change)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from workbench.geometry.labelled_mesh import LabelledMesh
 # sight that is several times as much. Arikan's table 3 has about as much: 0.1 m in rooms.
 _EPSILON_SPACINGS = 3.0
 _GREY = 128
+
+_Number = TypeVar("_Number", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,8 @@ class StitchScene:
     triangles : (t, 3) int32 into `vertices`, counter-clockwise seen from outside.
     starts : (k + 1,) int64, mesh i has the triangles from ``starts[i]`` to ``starts[i + 1]``.
     vertex_starts : (k + 1,) int64 likewise of the vertices.
-    labels, foreground, penalties : (t,) as in `LabelledMesh`.
+    labels, foreground, penalties : (t,) as in `LabelledMesh`; a penalty is infinite where there is
+        no photograph.
     epsilon : fragments at most this far behind the front-most show the same surface, metres.
     """
 
@@ -68,50 +72,43 @@ class StitchScene:
 
         Raises
         ------
-        InputError : a vertex or a penalty is not finite, or `epsilon` is negative.
+        InputError : a vertex is not finite, a penalty NaN, or `epsilon` negative.
         """
-        counts = [len(mesh.mesh.vertices) for mesh in meshes]
-        vertex_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        faces = [len(mesh.labels) for mesh in meshes]
-        starts = np.concatenate([[0], np.cumsum(faces)]).astype(np.int64)
-        vertices = _joined([mesh.mesh.vertices for mesh in meshes], (0, 3), np.float64)
-        triangles = [
-            mesh.mesh.triangles.astype(np.int32) + np.int32(first)
-            for mesh, first in zip(meshes, vertex_starts[:-1], strict=True)
-        ]
-        scene = cls(
-            vertices,
-            _joined([_colors(mesh) for mesh in meshes], (0, 3), np.uint8),
-            _joined(triangles, (0, 3), np.int32),
-            starts,
-            vertex_starts,
-            _joined([mesh.labels for mesh in meshes], (0,), np.int32),
-            _joined([mesh.foreground for mesh in meshes], (0,), np.bool_),
-            _joined([mesh.penalties for mesh in meshes], (0,), np.float32),
-            0.0,
+        if epsilon is not None and not epsilon >= 0.0:
+            raise InputError("fragments compete within a distance", found=f"{epsilon} m")
+        vertex_starts = _starts([len(mesh.mesh.vertices) for mesh in meshes])
+        vertices = _joined([mesh.mesh.vertices for mesh in meshes], np.zeros((0, 3)))
+        triangles = _joined(
+            [
+                mesh.mesh.triangles.astype(np.int32) + np.int32(first)
+                for mesh, first in zip(meshes, vertex_starts[:-1], strict=True)
+            ],
+            np.zeros((0, 3), np.int32),
         )
-        _check(scene, epsilon)
-        if epsilon is None:
-            epsilon = _EPSILON_SPACINGS * _median_edge(scene)
-        return cls(*(getattr(scene, name) for name in _ARRAYS), epsilon=float(epsilon))
+        penalties = _joined([mesh.penalties for mesh in meshes], np.zeros(0, np.float32))
+        if not np.isfinite(vertices).all():
+            raise InputError("a mesh has vertices that are not finite", fix="make the meshes again")
+        if np.isnan(penalties).any():
+            raise InputError("a mesh has penalties that are NaN", fix="label the meshes again")
+        return cls(
+            vertices,
+            _joined([_colors(mesh) for mesh in meshes], np.zeros((0, 3), np.uint8)),
+            triangles,
+            _starts([len(mesh.labels) for mesh in meshes]),
+            vertex_starts,
+            _joined([mesh.labels for mesh in meshes], np.zeros(0, np.int32)),
+            _joined([mesh.foreground for mesh in meshes], np.zeros(0, bool)),
+            penalties,
+            _EPSILON_SPACINGS * _median_edge(vertices, triangles) if epsilon is None else epsilon,
+        )
 
 
-_ARRAYS = tuple(name for name in StitchScene.__dataclass_fields__ if name != "epsilon")
+def _starts(counts: list[int]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def _check(scene: StitchScene, epsilon: float | None) -> None:
-    if not np.isfinite(scene.vertices).all():
-        raise InputError("a mesh has vertices that are not finite", fix="make the meshes again")
-    if not np.isfinite(scene.penalties).all():
-        raise InputError("a mesh has penalties that are not finite", fix="label the meshes again")
-    if epsilon is not None and not epsilon >= 0.0:
-        raise InputError("fragments compete within a distance", found=f"{epsilon} m")
-
-
-def _joined(parts: list, empty: tuple[int, ...], kind: type) -> NDArray:  # type: ignore[type-arg]
-    if not parts:
-        return np.zeros(empty, kind)
-    return np.ascontiguousarray(np.concatenate(parts), kind)
+def _joined(parts: list[NDArray[_Number]], none: NDArray[_Number]) -> NDArray[_Number]:
+    return np.ascontiguousarray(np.concatenate([none, *parts]), none.dtype)
 
 
 def _colors(mesh: LabelledMesh) -> NDArray[np.uint8]:
@@ -120,8 +117,8 @@ def _colors(mesh: LabelledMesh) -> NDArray[np.uint8]:
     return np.full(shape, _GREY, np.uint8) if colors is None else colors[:, :3]
 
 
-def _median_edge(scene: StitchScene) -> float:
-    if not len(scene.triangles):
+def _median_edge(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> float:
+    if not len(triangles):
         return 0.0
-    one, other = scene.vertices[scene.triangles[:, 0]], scene.vertices[scene.triangles[:, 1]]
+    one, other = vertices[triangles[:, 0]], vertices[triangles[:, 1]]
     return float(np.median(np.linalg.norm(one - other, axis=1)))

@@ -34,14 +34,14 @@ class StitchSettings:
     radius_px : neighbours are in a square of 2 · radius + 1 pixels.
     label_weight : how much better, in units of the penalty (0 to 3), a fragment must be whose
         label no neighbour has.
-    mesh_weight : likewise of the mesh; a change of the mesh alone shows as a small step in shape.
+    mesh_weight : likewise of the mesh; a change of the mesh alone shows as a step in shape.
     slots : at most so many meshes compete at a pixel.
     """
 
-    rounds: int = 4
-    radius_px: int = 4
-    label_weight: float = 0.3
-    mesh_weight: float = 0.03
+    rounds: int = 3
+    radius_px: int = 3
+    label_weight: float = 0.5
+    mesh_weight: float = 0.3
     slots: int = 8
 
     def __post_init__(self) -> None:
@@ -100,17 +100,18 @@ class Fragments:
 def competition(
     scene: StitchScene, camera: PhotoCamera, visible: Visibility, slots: int
 ) -> Competition:
-    """Draw the visible meshes again and keep all that lies within ε of the front.
+    """Draw all meshes again and keep what lies within ε of the front.
 
     A shader that has no lists draws once for the front-most foreground and background and once
-    for each round of the vote.
+    for each round of the vote. It may leave out meshes that are front-most nowhere, as the paper
+    does, and loses those that lie behind others by less than ε everywhere.
     """
     screen = Screen(camera)
     shape = (*visible.depth.shape, slots)
     depth = np.zeros(shape, np.float32)
     triangle = np.full(shape, NO_TRIANGLE, np.int32)
-    for mesh in visible.meshes:
-        placed, first = on_screen(scene, int(mesh), screen)
+    for mesh in range(scene.meshes):
+        placed, first = on_screen(scene, mesh, screen)
         draw_competing(
             placed.pixels,
             placed.depths,
@@ -133,9 +134,13 @@ def choice(
     """(h, w) the slot that wins; −1 where none competes."""
     chosen = lowest_penalties(competing.triangle, competing.depth, scene.penalties)
     meshes = np.repeat(np.arange(scene.meshes, dtype=np.int32), np.diff(scene.starts))
+    # Where nothing competes all is settled. Such pixels vote first: else a cheap island between
+    # two foregrounds would keep itself up by its own votes.
+    voters = np.where(competing.contested, np.int8(-1), chosen)
     for _ in range(settings.rounds):
-        chosen, changed = voted(
+        chosen = voted(
             chosen,
+            voters,
             competing.triangle,
             competing.depth,
             scene.labels,
@@ -146,8 +151,7 @@ def choice(
             settings.label_weight,
             settings.mesh_weight,
         )
-        if not changed:
-            break
+        voters = chosen
     return np.asarray(chosen)
 
 

@@ -32,11 +32,6 @@ class Visibility:
     mesh: NDArray[np.int32]
     label: NDArray[np.int32]
 
-    @property
-    def meshes(self) -> NDArray[np.int32]:
-        """Meshes that are front-most somewhere, ascending."""
-        return np.unique(self.mesh[self.mesh >= 0])
-
 
 def on_screen(scene: StitchScene, mesh: int, screen: Screen) -> tuple[ScreenMesh, int]:
     """One mesh of a scene in the picture, its numbers being the scene's; and its first number."""
