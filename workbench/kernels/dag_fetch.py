@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
 from workbench.kernels.dag_walk import POPCOUNT
@@ -29,7 +29,8 @@ _THERE, _LENGTH = _of_four_codes()
 
 @njit(cache=True, nogil=True)
 def _header_mask(header: int) -> int:
-    return np.int64(_THERE[header & 255]) | np.int64(_THERE[header >> 8]) << 4
+    mask: int = int64(_THERE[header & 255]) | int64(_THERE[header >> 8]) << 4
+    return mask
 
 
 @njit(cache=True, nogil=True)
@@ -38,7 +39,8 @@ def _brick_mask(brick: np.uint64) -> int:
     brick |= brick >> np.uint64(4)
     brick |= brick >> np.uint64(2)
     brick |= brick >> np.uint64(1)
-    return np.int64(((brick & _BYTE_ONES) * _GATHER) >> np.uint64(56))
+    mask: int = int64(((brick & _BYTE_ONES) * _GATHER) >> np.uint64(56))
+    return mask
 
 
 @njit(cache=True, nogil=True)
@@ -59,11 +61,11 @@ def root_node(
     level : depth of the voxels.
     """
     if not compact:
-        head = np.int64(words[0])
+        head = int64(words[0])
         return 0, head, np.uint64(0), head & 255
     if level == 2:
         return 0, 0, bricks[0], _brick_mask(bricks[0])
-    head = np.int64(halves[0])
+    head = int64(halves[0])
     return 0, head, np.uint64(0), _header_mask(head)
 
 
@@ -91,25 +93,25 @@ def child_node(
     slot : number of the child as the parent stores it, mirrors undone.
     """
     if not compact:
-        before = np.int64(POPCOUNT[head & ((1 << slot) - 1) & 255])
-        node, mirror = np.int64(words[node + 1 + before]), head >> (8 + 3 * slot) & 7
-        head = np.int64(words[node])
+        before = int64(POPCOUNT[head & ((1 << slot) - 1) & 255])
+        node, mirror = int64(words[node + 1 + before]), head >> (8 + 3 * slot) & 7
+        head = int64(words[node])
         return node, head, brick, head & 255, mirror
     level = len(starts) - 1
     if below == level - 1:
-        return node, head, brick, np.int64((brick >> np.uint64(8 * slot)) & np.uint64(255)), 0
+        return node, head, brick, int64((brick >> np.uint64(8 * slot)) & np.uint64(255)), 0
     ahead = head & ((1 << (2 * slot)) - 1)
-    at = node + 1 + np.int64(_LENGTH[ahead & 255]) + np.int64(_LENGTH[ahead >> 8])
+    at = node + 1 + int64(_LENGTH[ahead & 255]) + int64(_LENGTH[ahead >> 8])
     code = head >> (2 * slot) & 3
-    first = np.int64(halves[at])
+    first = int64(halves[at])
     if code == 1:
         mirror, offset = first >> 13, first & (SHORT_OFFSETS - 1)
     else:
-        long = first << 16 | np.int64(halves[at + 1])
+        long = first << 16 | int64(halves[at + 1])
         mirror, offset = long >> 29, long & _LOW_29 | (code & 1) << 29
     if below == level - 2:
         brick = bricks[offset]
         return 0, 0, brick, _brick_mask(brick), mirror
     node = starts[below] + offset
-    head = np.int64(halves[node])
+    head = int64(halves[node])
     return node, head, brick, _header_mask(head), mirror

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
 # A child's word is its place in the level below times eight plus three mirror bits.
@@ -37,7 +37,7 @@ def voxel_parents(
             k += 1
             parents[k] = parent
             masks[k] = 0
-        masks[k] |= np.uint8(1 << np.int64(codes[i] & _SEVEN))
+        masks[k] |= np.uint8(1 << int64(codes[i] & _SEVEN))
 
 
 @njit(cache=True, nogil=True)
@@ -55,7 +55,7 @@ def node_parents(
             k += 1
             parents[k] = parent
             rows[k, :] = NO_CHILD
-        rows[k, np.int64(codes[i] & _SEVEN)] = words[i]
+        rows[k, int64(codes[i] & _SEVEN)] = words[i]
 
 
 @njit(cache=True, nogil=True)
@@ -75,16 +75,17 @@ def _slot(row: NDArray[np.uint32], kept: NDArray[np.uint32], table: NDArray[np.u
     last = np.uint64(len(table) - 1)
     at = _hash(row) & last
     while True:
-        entry = table[np.int64(at)]
+        place: int = int64(at)
+        entry = table[place]
         if entry == 0:
-            return np.int64(at)
+            return place
         same = True
         for c in range(8):
             if kept[entry - 1, c] != row[c]:
                 same = False
                 break
         if same:
-            return np.int64(at)
+            return place
         at = (at + np.uint64(1)) & last
 
 

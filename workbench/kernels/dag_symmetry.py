@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
 from workbench.kernels.dag_rows import NO_CHILD
@@ -76,7 +76,7 @@ def canonical_rows(
                 word = row[c ^ t]
                 if word != NO_CHILD:
                     place = word >> 3
-                    tag = smallest_tag(np.int64((word & _TAG) ^ t), np.int64(invariants[place]))
+                    tag = smallest_tag(int64((word & _TAG) ^ t), int64(invariants[place]))
                     word = (word & _UNTAG) | np.uint32(tag)
                 image[c] = word
                 if order == 0 and t > 0 and word != out[i, c]:

@@ -7,7 +7,7 @@ that say where each depth begins, one more for the end. Depth ``level − 2`` ho
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
 from workbench.kernels.dag_rows import NO_CHILD
@@ -37,7 +37,7 @@ def subtree_counts(
                     full += np.uint64(POPCOUNT[word >> 3])
                     count += np.uint64(1)
                 else:
-                    below = starts[depth + 1] + np.int64(word >> 3)
+                    below = starts[depth + 1] + int64(word >> 3)
                     full += voxels[below]
                     count += nodes[below]
             voxels[i] = full
@@ -75,17 +75,17 @@ def expanded_codes(
         word = rows[node[depth], c ^ mirror[depth]]
         if word == NO_CHILD:
             continue
-        own = mirror[depth] ^ np.int64(word & np.uint32(7))
+        own = mirror[depth] ^ int64(word & np.uint32(7))
         at = (code[depth] << np.uint64(3)) | np.uint64(c)
         if depth == bricks:
-            mask = mirrored_mask(np.int64(word >> 3), own)
+            mask = mirrored_mask(int64(word >> 3), own)
             for j in range(8):
                 if mask >> j & 1:
                     out[count] = (at << np.uint64(3)) | np.uint64(j)
                     count += 1
         else:
             depth += 1
-            node[depth] = starts[depth] + np.int64(word >> 3)
+            node[depth] = starts[depth] + int64(word >> 3)
             mirror[depth], child[depth], code[depth] = own, 0, at
     return count
 
@@ -116,13 +116,13 @@ def expanded_masks(
         word = rows[node[depth], c ^ mirror[depth]]
         if word == NO_CHILD:
             continue
-        own = mirror[depth] ^ np.int64(word & np.uint32(7))
+        own = mirror[depth] ^ int64(word & np.uint32(7))
         if depth == bricks:
-            out[count] = mirrored_mask(np.int64(word >> 3), own)
+            out[count] = mirrored_mask(int64(word >> 3), own)
             count += 1
         else:
             depth += 1
-            node[depth] = starts[depth] + np.int64(word >> 3)
+            node[depth] = starts[depth] + int64(word >> 3)
             mirror[depth], child[depth] = own, 0
     return count
 
@@ -189,30 +189,30 @@ def voxel_ranges(
     level = len(starts)
     for i in range(len(codes)):
         node, mirror, before = starts[0] + (root >> 3), root & 7, 0
-        mask, found = 0, np.int64(voxels[node])
+        mask, found = 0, int64(voxels[node])
         for depth in range(depths[i]):
-            c = np.int64(codes[i] >> np.uint64(3 * (depths[i] - 1 - depth))) & 7
+            c = int64(codes[i] >> np.uint64(3 * (depths[i] - 1 - depth))) & 7
             if depth == level - 1:
-                before += np.int64(POPCOUNT[mask & ((1 << c) - 1)])
+                before += int64(POPCOUNT[mask & ((1 << c) - 1)])
                 found = mask >> c & 1
                 break
             for k in range(c):
                 word = rows[node, k ^ mirror]
                 if word != NO_CHILD:
                     if depth == level - 2:
-                        before += np.int64(POPCOUNT[word >> 3])
+                        before += int64(POPCOUNT[word >> 3])
                     else:
-                        before += np.int64(voxels[starts[depth + 1] + np.int64(word >> 3)])
+                        before += int64(voxels[starts[depth + 1] + int64(word >> 3)])
             word = rows[node, c ^ mirror]
             if word == NO_CHILD:
                 found = 0
                 break
-            mirror ^= np.int64(word & np.uint32(7))
+            mirror ^= int64(word & np.uint32(7))
             if depth == level - 2:
-                mask = mirrored_mask(np.int64(word >> 3), mirror)
-                found = np.int64(POPCOUNT[mask])
+                mask = mirrored_mask(int64(word >> 3), mirror)
+                found = int64(POPCOUNT[mask])
             else:
-                node = starts[depth + 1] + np.int64(word >> 3)
-                found = np.int64(voxels[node])
+                node = starts[depth + 1] + int64(word >> 3)
+                found = int64(voxels[node])
         first[i] = before if found > 0 else -1
         count[i] = found

@@ -20,7 +20,7 @@ A compact offset counts from the beginning of the next depth, in half-words, or 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
 from workbench.kernels.dag_rows import NO_CHILD
@@ -40,7 +40,7 @@ def bricks_of_rows(
         for c in range(8):
             word = rows[order[k], c]
             if word != NO_CHILD:
-                mask = mirrored_mask(np.int64(word >> 3), np.int64(word & np.uint32(7)))
+                mask = mirrored_mask(int64(word >> 3), int64(word & np.uint32(7)))
                 bits |= np.uint64(mask) << np.uint64(8 * c)
         out[k] = bits
 
@@ -50,7 +50,7 @@ def rows_of_bricks(bricks: NDArray[np.uint64], out: NDArray[np.uint32]) -> None:
     """Fill the rows (n, 8) of bricks (n,), children not mirrored."""
     for i in range(len(bricks)):
         for c in range(8):
-            mask = np.int64((bricks[i] >> np.uint64(8 * c)) & np.uint64(255))
+            mask = int64((bricks[i] >> np.uint64(8 * c)) & np.uint64(255))
             out[i, c] = np.uint32(mask << 3) if mask else NO_CHILD
 
 
@@ -84,7 +84,7 @@ def put_plain(
             word = rows[i, c]
             if word != NO_CHILD:
                 mask |= 1 << c
-                mask |= np.int64(word & np.uint32(7)) << (8 + 3 * c)
+                mask |= int64(word & np.uint32(7)) << (8 + 3 * c)
                 words[at] = child_at[word >> 3]
                 at += 1
         words[head] = mask
@@ -158,7 +158,7 @@ def put_compact(
             word = rows[order[k], c]
             if word == NO_CHILD:
                 continue
-            offset, tag = child_at[word >> 3], np.int64(word & np.uint32(7))
+            offset, tag = child_at[word >> 3], int64(word & np.uint32(7))
             if offset < SHORT_OFFSETS:
                 header |= 1 << (2 * c)
                 out[at] = tag << 13 | offset
@@ -192,7 +192,7 @@ def compact_rows(
     at, count = 0, 0
     while at < len(words):
         own[at] = count
-        header = np.int64(words[at])
+        header = int64(words[at])
         at += 1
         for c in range(8):
             code = header >> (2 * c) & 3
@@ -202,10 +202,10 @@ def compact_rows(
             if at + (code > 1) >= len(words):
                 return -1
             if code == 1:
-                tag, offset = np.int64(words[at]) >> 13, np.int64(words[at]) & (SHORT_OFFSETS - 1)
+                tag, offset = int64(words[at]) >> 13, int64(words[at]) & (SHORT_OFFSETS - 1)
                 at += 1
             else:
-                long = np.int64(words[at]) << 16 | np.int64(words[at + 1])
+                long = int64(words[at]) << 16 | int64(words[at + 1])
                 tag, offset = long >> 29, long & _LOW_29 | (code & 1) << 29
                 at += 2
             if offset >= len(place_of) or place_of[offset] == NO_CHILD:

@@ -36,7 +36,8 @@ def dag_of(graph: EncodedGraph) -> VoxelDag:
 
 def _from_plain(graph: EncodedGraph) -> VoxelDag:
     starts = [int(start) for start in graph.starts]
-    words, levels = graph.nodes, []
+    words = graph.nodes
+    levels: list[NDArray[np.uint32]] = []
     masks = words[starts[-2] : starts[-1]]
     if (masks > 255).any():
         raise _broken("a leaf of more than eight voxels")

@@ -168,7 +168,7 @@ def _bits_per_voxel(graph: EncodedGraph) -> float:
 
 
 def _checked(codes: NDArray[np.uint64], check: int) -> int:
-    return zlib.crc32(np.ascontiguousarray(codes).view(np.uint8), check)
+    return zlib.crc32(codes.tobytes(), check)
 
 
 def _prove_lossless(graph: EncodedGraph, watched: _Watched, split: int) -> None:

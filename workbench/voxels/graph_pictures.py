@@ -229,7 +229,7 @@ def _light(
     normals = screen_normals(
         (view.hits.distance * along).reshape(shape),
         (view.directions / along[:, None]).reshape(*shape, 3),
-        (view.hits.sizes * tracer.grid.voxel_size).reshape(shape),
+        (view.hits.sizes.astype(np.float64) * tracer.grid.voxel_size).reshape(shape),
         1.0 / _focal(camera),
     ).reshape(-1, 3)
     to_light = world_from_camera @ np.array(options.light)
