@@ -3,38 +3,41 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, uint64
+from numba import njit
 from numpy.typing import NDArray
 
 BITS_PER_AXIS = 21
 
 
 @njit(cache=True, nogil=True)
-def spread_bits(value: int) -> int:
+def spread_bits(value: int | np.integer) -> np.uint64:
     """The 21 low bits of ``value`` with two zero bits after each, uint64."""
-    v = uint64(value) & uint64(0x1FFFFF)
-    v = (v | (v << uint64(32))) & uint64(0x001F00000000FFFF)
-    v = (v | (v << uint64(16))) & uint64(0x001F0000FF0000FF)
-    v = (v | (v << uint64(8))) & uint64(0x100F00F00F00F00F)
-    v = (v | (v << uint64(4))) & uint64(0x10C30C30C30C30C3)
-    return (v | (v << uint64(2))) & uint64(0x1249249249249249)
+    v = np.uint64(value) & np.uint64(0x1FFFFF)
+    v = (v | (v << np.uint64(32))) & np.uint64(0x001F00000000FFFF)
+    v = (v | (v << np.uint64(16))) & np.uint64(0x001F0000FF0000FF)
+    v = (v | (v << np.uint64(8))) & np.uint64(0x100F00F00F00F00F)
+    v = (v | (v << np.uint64(4))) & np.uint64(0x10C30C30C30C30C3)
+    return (v | (v << np.uint64(2))) & np.uint64(0x1249249249249249)
 
 
 @njit(cache=True, nogil=True)
-def gathered_bits(code: int) -> int:
+def gathered_bits(code: np.uint64) -> np.uint64:
     """Every third bit of ``code`` from the lowest on, uint64: undoes `spread_bits`."""
-    v = uint64(code) & uint64(0x1249249249249249)
-    v = (v | (v >> uint64(2))) & uint64(0x10C30C30C30C30C3)
-    v = (v | (v >> uint64(4))) & uint64(0x100F00F00F00F00F)
-    v = (v | (v >> uint64(8))) & uint64(0x001F0000FF0000FF)
-    v = (v | (v >> uint64(16))) & uint64(0x001F00000000FFFF)
-    return (v | (v >> uint64(32))) & uint64(0x1FFFFF)
+    v = np.uint64(code) & np.uint64(0x1249249249249249)
+    v = (v | (v >> np.uint64(2))) & np.uint64(0x10C30C30C30C30C3)
+    v = (v | (v >> np.uint64(4))) & np.uint64(0x100F00F00F00F00F)
+    v = (v | (v >> np.uint64(8))) & np.uint64(0x001F0000FF0000FF)
+    v = (v | (v >> np.uint64(16))) & np.uint64(0x001F00000000FFFF)
+    return (v | (v >> np.uint64(32))) & np.uint64(0x1FFFFF)
 
 
 @njit(cache=True, nogil=True)
-def morton_code(x: int, y: int, z: int) -> int:
+def morton_code(x: int | np.integer, y: int | np.integer, z: int | np.integer) -> np.uint64:
     """The code (uint64) of one cell; coordinates in [0, 2²¹)."""
-    return spread_bits(x) | (spread_bits(y) << uint64(1)) | (spread_bits(z) << uint64(2))
+    code: np.uint64 = (
+        spread_bits(x) | (spread_bits(y) << np.uint64(1)) | (spread_bits(z) << np.uint64(2))
+    )
+    return code
 
 
 @njit(cache=True, nogil=True)
@@ -47,7 +50,7 @@ def _encode(cells: NDArray[np.integer], codes: NDArray[np.uint64]) -> None:
 def _decode(codes: NDArray[np.uint64], cells: NDArray[np.int32]) -> None:
     for i in range(len(codes)):
         for axis in range(3):
-            cells[i, axis] = gathered_bits(codes[i] >> uint64(axis))
+            cells[i, axis] = gathered_bits(codes[i] >> np.uint64(axis))
 
 
 def morton_codes(cells: NDArray[np.integer]) -> NDArray[np.uint64]:

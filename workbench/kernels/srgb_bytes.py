@@ -23,7 +23,7 @@ _GUESS = np.searchsorted(_LEAST, (np.arange(1024) / 1023) ** 2, side="right").as
 @njit(cache=True, nogil=True)
 def srgb_byte(linear: float) -> int:
     """The sRGB byte nearest to a linear value; values outside 0…1 are clipped."""
-    byte = _GUESS[int(math.sqrt(min(max(linear, 0.0), 1.0)) * 1023)]
+    byte = int(_GUESS[int(math.sqrt(min(max(linear, 0.0), 1.0)) * 1023)])
     while linear >= _LEAST[byte + 1]:
         byte += 1
     while linear < _LEAST[byte]:

@@ -138,7 +138,7 @@ def separates(corners: NDArray[np.float64], x: float, y: float, z: float) -> boo
     ax, ay, az = corners[0, 0] - x, corners[0, 1] - y, corners[0, 2] - z
     bx, by, bz = corners[1, 0] - x, corners[1, 1] - y, corners[1, 2] - z
     cx, cy, cz = corners[2, 0] - x, corners[2, 1] - y, corners[2, 2] - z
-    return (
+    return bool(
         _meets_axis(ax, ay, az, bx, by, bz, cx, cy, cz)
         or _meets_axis(ay, az, ax, by, bz, bx, cy, cz, cx)
         or _meets_axis(az, ax, ay, bz, bx, by, cz, cx, cy)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, uint64
+from numba import njit
 from numpy.typing import NDArray
 
 from workbench.kernels.morton import gathered_bits, spread_bits
@@ -74,16 +74,16 @@ def add_voxels(
 
 
 @njit(cache=True, nogil=True)
-def _neighbour(codes: NDArray[np.uint64], code: int, face: int, level: int) -> int:
+def _neighbour(codes: NDArray[np.uint64], code: np.uint64, face: int, level: int) -> int:
     """Row of the voxel beyond a face, −1 when it is not there, −2 outside the chunk."""
     axis = face // 2
-    at = gathered_bits(code >> uint64(axis))
+    at = int(gathered_bits(code >> np.uint64(axis)))
     beyond = at + 1 if face % 2 else at - 1
     if at >> level != beyond >> level:
         return -2
-    others = code & ~(uint64(0x1249249249249249) << uint64(axis))
-    beyond_code = others | (spread_bits(beyond) << uint64(axis))
-    place = np.searchsorted(codes, beyond_code)
+    others = code & ~(np.uint64(0x1249249249249249) << np.uint64(axis))
+    beyond_code = others | (spread_bits(beyond) << np.uint64(axis))
+    place = int(np.searchsorted(codes, beyond_code))
     return place if place < len(codes) and codes[place] == beyond_code else -1
 
 

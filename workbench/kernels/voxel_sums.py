@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, uint64
+from numba import njit
 from numpy.typing import NDArray
 
 from workbench.kernels.morton import spread_bits
@@ -128,8 +128,8 @@ def add_triangles(
                     if in_row == 0:
                         continue
                 x0, x1 = touched_range(source_row, in_row, 0)
-                yz = (spread_bits(y - corner[1]) << uint64(1)) | (
-                    spread_bits(z - corner[2]) << uint64(2)
+                yz = (spread_bits(y - corner[1]) << np.uint64(1)) | (
+                    spread_bits(z - corner[2]) << np.uint64(2)
                 )
                 for x in range(max(x0, corner[0]), min(x1, corner[0] + side - 1) + 1):
                     in_cell, source_cell = in_row, source_row
@@ -144,7 +144,7 @@ def add_triangles(
                         at = used
                         used += 1
                         slot[place] = at
-                        marked[place // uint64(GROUP)] = True
+                        marked[place // np.uint64(GROUP)] = True
                         sums[at] = 0.0
                         flags[at] = 0
                     signed, middle_u, middle_v = projected_centroid(source_cell, in_cell, u, v)

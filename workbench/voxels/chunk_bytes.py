@@ -75,7 +75,7 @@ def chunk_bytes(voxels: VoxelSet, chunk_level: int) -> bytes:
     if voxels.color is not None and sided.color is not None:
         table["color"][:, :3] = voxels.color
         faces["color"][:, :3] = sided.color[shown]
-    return table.tobytes() + _starts(shown).tobytes() + faces.tobytes()
+    return table.tobytes() + _starts(shown).astype("<u4").tobytes() + faces.tobytes()
 
 
 def _shown(faces: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -86,7 +86,8 @@ def _shown(faces: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 def _starts(shown: NDArray[np.bool_]) -> NDArray[np.uint32]:
     """Where the faces of each sided voxel start in the buffer; none without sided voxels."""
-    return (np.cumsum(shown.sum(axis=1)) - shown.sum(axis=1)).astype("<u4")
+    faces = shown.sum(axis=1)
+    return np.asarray(np.cumsum(faces) - faces, np.uint32)
 
 
 def chunk_of_bytes(data: bytes, count: int, sided: int, colored: bool) -> ChunkVoxels:
