@@ -111,7 +111,9 @@ def pixels_within(
         ]
     )
     ways = camera.directions(border) @ camera.camera_from_world[:3, :3].T
-    reach = _REACH * float((np.linalg.norm(ways[:, :2], axis=1) / ways[:, 2]).max())
+    slopes = np.linalg.norm(ways[:, :2], axis=1) / ways[:, 2]
+    # Corners that no direction reaches have none.
+    reach = _REACH * float(np.max(slopes, where=np.isfinite(slopes), initial=0.0))
     known = depth > 0.0
     known &= np.linalg.norm(in_camera[:, :2], axis=1) <= reach * depth
     pixels, nearness = np.full((len(points), 2), np.nan), np.zeros(len(points))
