@@ -59,8 +59,9 @@ def expansion_graph(
         elif p < 0:
             gain[q] += w * difference(colors, row, here) - both
         else:
-            second = w * difference(colors, here, row)
             first = w * difference(colors, row, there)
+            # Mostly both have the same photograph: colours are what takes time to compare.
+            second = first if here == there else w * difference(colors, here, row)
             gain[p] += first - both
             gain[q] -= first
             capacity = first + second - both

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
 from workbench.kernels.data_costs import penalties, seen_triangles
+from workbench.kernels.grouping import grouped
 from workbench.texturing.cost_options import CostOptions
 from workbench.texturing.depth_map import DepthMap
 
@@ -88,7 +89,5 @@ def candidates_of(
     labels = np.repeat(np.array(photos, np.int32), [len(which) for which, _ in parts])
     costs = np.concatenate([np.zeros(0), *(cost for _, cost in parts)])
     # Photographs come in rising order, and so they stay within each triangle.
-    order = np.argsort(owner, kind="stable")
-    starts = np.zeros(m + 1, np.int64)
-    np.cumsum(np.bincount(owner, minlength=m), out=starts[1:])
+    starts, order = grouped(owner, m)
     return Candidates(starts, labels[order], costs[order]).best(options.most_candidates)

@@ -127,13 +127,8 @@ class _State:
         own = self._photos[photo]
         self._now += 1
         tried, self._tried[photo] = self._tried.get(photo, 0), self._now
-        around = self._edge_of_row[own.rows]
-        last = max(
-            self._changed[own.triangles].max(initial=0),
-            self._changed[self.problem.edges[around]].max(initial=0),
-        )
         # A move that was the best stays the best while nothing around it has changed.
-        if tried and last <= tried:
+        if tried and self._last_change(own) <= tried:
             return False
         free = self.labels[own.triangles] != photo
         triangles = own.triangles[free]
@@ -158,6 +153,12 @@ class _State:
             return False
         self._take(photo, triangles[chosen], own.costs[free][chosen], own.rows)
         return True
+
+    def _last_change(self, own: _Photo) -> int:
+        around = self.problem.edges[self._edge_of_row[own.rows]]
+        return int(
+            max(self._changed[own.triangles].max(initial=0), self._changed[around].max(initial=0))
+        )
 
     def _cut(
         self, gain: NDArray[np.float64], pairs: NDArray[np.int32], capacities: NDArray[np.float64]

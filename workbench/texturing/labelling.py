@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.geometry.labelled_mesh import NO_PHOTO
+from workbench.kernels.grouping import grouped
 from workbench.kernels.pair_costs import rows_of_labels, seam_costs
 
 FULL_COLOR = 65535
@@ -144,13 +145,10 @@ class LabellingProblem:
 
 
 def by_photo(labels: NDArray[np.int32]) -> dict[int, NDArray[np.int64]]:
-    """Where each photograph of ``labels`` (n,) stands, in order."""
-    # NumPy sorts short numbers by their digits, in time that grows with n alone.
-    small = labels.max(initial=0) <= np.iinfo(np.int16).max
-    order = np.argsort(labels.astype(np.int16) if small else labels, kind="stable")
-    photos, first = np.unique(labels[order], return_index=True)
-    parts = np.split(order, first[1:])
-    return {int(photos[k]): parts[k] for k in range(len(photos))}
+    """Where each photograph of ``labels`` (n,), all of them 0 or more, stands, in order."""
+    starts, places = grouped(labels, int(labels.max(initial=-1)) + 1)
+    found = np.flatnonzero(np.diff(starts)).tolist()
+    return {photo: places[starts[photo] : starts[photo + 1]] for photo in found}
 
 
 @dataclass(frozen=True)

@@ -40,9 +40,12 @@ def texture_problem(
     colors = np.zeros((len(edge_labels), options.edge_samples, 3), np.uint16)
     edge_of_row = np.repeat(np.arange(len(edges)), np.diff(edge_starts))
     for photo, rows in by_photo(edge_labels).items():
-        used, ends_used = np.unique(ends[edge_of_row[rows]], return_inverse=True)
+        ends_of_rows = ends[edge_of_row[rows]]
+        used = np.zeros(len(mesh.vertices), bool)
+        used[ends_of_rows] = True
+        number = np.cumsum(used) - 1
         pixels, depths = cameras[photo].project(mesh.vertices[used])
-        read_edges(rows, ends_used.reshape(-1, 2), pixels, depths, pictures(photo), colors)
+        read_edges(rows, number[ends_of_rows], pixels, depths, pictures(photo), colors)
     lengths = np.linalg.norm(mesh.vertices[ends[:, 1]] - mesh.vertices[ends[:, 0]], axis=1)
     owner = np.repeat(np.arange(len(areas)), np.diff(candidates.starts))
     return LabellingProblem(
