@@ -20,32 +20,26 @@ _TIP = 1e-9
 
 
 @njit(cache=True, nogil=True)
-def _cut(
-    near: NDArray[np.float64], far: NDArray[np.float64], axis: int, plane: float, to_near: float,
-    to_far: float, out: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """Where an edge meets a plane, from the end that is nearer to it."""
-    t = to_near / (to_near + to_far)
-    for k in range(3):
-        out[k] = near[k] + t * (far[k] - near[k])
-    out[axis] = plane
-
-
-@njit(cache=True, nogil=True)
 def _crossing(
-    a: NDArray[np.float64], b: NDArray[np.float64], axis: int, plane: float,
-    out: NDArray[np.float64],
+    polygon: NDArray[np.float64], a: int, b: int, axis: int, plane: float,
+    out: NDArray[np.float64], row: int,
 ) -> None:  # fmt: skip
-    """Where the edge from a to b meets a plane: the same bits from b to a."""
-    to_a, to_b = abs(a[axis] - plane), abs(b[axis] - plane)
-    if to_a < to_b:
-        _cut(a, b, axis, plane, to_a, to_b, out)
-    elif to_b < to_a:
-        _cut(b, a, axis, plane, to_b, to_a, out)
-    else:
+    """Where the edge from corner a to b meets a plane: the same bits from b to a.
+
+    Corners go by row and not as views: counting references to views would cost more than
+    the arithmetic.
+    """
+    to_a, to_b = abs(polygon[a, axis] - plane), abs(polygon[b, axis] - plane)
+    if to_a == to_b:
         for k in range(3):
-            out[k] = 0.5 * (a[k] + b[k])
-        out[axis] = plane
+            out[row, k] = 0.5 * (polygon[a, k] + polygon[b, k])
+    else:
+        # From the nearer end.
+        near, far = (a, b) if to_a < to_b else (b, a)
+        t = min(to_a, to_b) / (to_a + to_b)
+        for k in range(3):
+            out[row, k] = polygon[near, k] + t * (polygon[far, k] - polygon[near, k])
+    out[row, axis] = plane
 
 
 @njit(cache=True, nogil=True)
@@ -69,25 +63,26 @@ def slab_polygon(
     Number of corners of the part, 0 where none is left.
     """
     count = 0
-    for i in range(corners):
-        a, b = polygon[i], polygon[i + 1 if i + 1 < corners else 0]
-        from_, to = a[axis], b[axis]
+    for a in range(corners):
+        b = a + 1 if a + 1 < corners else 0
+        from_, to = polygon[a, axis], polygon[b, axis]
         if low <= from_ <= high:
-            out[count] = a
+            for k in range(3):
+                out[count, k] = polygon[a, k]
             count += 1
         if from_ < to:
             if from_ < low < to:
-                _crossing(a, b, axis, low, out[count])
+                _crossing(polygon, a, b, axis, low, out, count)
                 count += 1
             if from_ < high < to:
-                _crossing(a, b, axis, high, out[count])
+                _crossing(polygon, a, b, axis, high, out, count)
                 count += 1
         else:
             if to < high < from_:
-                _crossing(a, b, axis, high, out[count])
+                _crossing(polygon, a, b, axis, high, out, count)
                 count += 1
             if to < low < from_:
-                _crossing(a, b, axis, low, out[count])
+                _crossing(polygon, a, b, axis, low, out, count)
                 count += 1
     return count
 

@@ -37,7 +37,7 @@ def add_voxels(
     area, normal, color, faces, separating : (n, …) as in a voxel set; ``color`` (0, 3)
         without colour.
     side : (n,) row of ``face_normal`` and ``face_color`` (k, 6, 3), or −1.
-    sums, flags : (m, ROW) and (m,), zero; the sums of ``workbench.kernels.voxel_sums``.
+    sums, flags : (m, row_length) and (m,), zero; the sums of ``workbench.kernels.voxel_sums``.
     """
     colored = len(color) > 0
     one_normal, one_color = np.empty(3), np.zeros(3)
@@ -68,9 +68,8 @@ def add_voxels(
                     if colored:
                         one_color[k] = LINEAR_OF_BYTE[face_color[side[i], face, k]]
             toward = one_normal[face // 2] * (1.0 if face % 2 else -1.0)
-            add_to_face(
-                row, face, weight * max(toward, _LEAST_TOWARD), one_normal, one_color, colored
-            )
+            face_weight = weight * max(toward, _LEAST_TOWARD)
+            add_to_face(sums, run[i], face, face_weight, one_normal, one_color, colored)
 
 
 @njit(cache=True, nogil=True)

@@ -18,49 +18,65 @@ from workbench.kernels.voxel_clipping import (
     touched_range,
 )
 
-# One row of sums: area, weight, weighted normal and colour, then the same weight, normal and
-# colour for each of the six faces.
-AREA, WEIGHT, NORMAL, COLOR, FACES = 0, 1, 2, 5, 8
-FACE_STRIDE = 7
-ROW = FACES + 6 * FACE_STRIDE
+# One row of sums: area, weight, weighted normal and, with colour, weighted colour; then weight,
+# normal and colour again for each of the six faces. Clearing rows takes time: none is longer
+# than need be.
+AREA, WEIGHT, NORMAL, COLOR = 0, 1, 2, 5
 # Bit 6 of a voxel's flags; bits 0…5 are its outward faces.
 SEPARATING = 64
 # Weight of a touch without area: it decides attributes only where there is nothing else.
 LEAST_WEIGHT = 1e-12
-# A face with less of the voxel's weight does not make a voxel two-sided.
-_LEAST_SHARE = 0.01
+# Voxels from the plane of a triangle to the tips of the cross, beyond what rounding moves.
+_PLANE_SLACK = 1e-6
 # Cells whose marks are looked through at once when a block is emptied.
 GROUP = 64
+# A face with less of the voxel's weight does not make a voxel two-sided.
+_LEAST_SHARE = 0.01
 
 
 @njit(cache=True, nogil=True)
-def add_sides(row: NDArray[np.float64], weight: float, normal: NDArray[np.float64],
-              color: NDArray[np.float64], colored: bool) -> int:  # fmt: skip
+def _face_sums(face: int, colored: bool) -> int:
+    """Where the sums of a face start in a row: weight, then normal, then colour."""
+    return 8 + 7 * face if colored else 5 + 4 * face
+
+
+def row_length(colored: bool) -> int:
+    """Sums per voxel."""
+    return _face_sums(6, colored)
+
+
+@njit(cache=True, nogil=True)
+def _add_sides(
+    sums: NDArray[np.float64], at: int, weight: float, normal: NDArray[np.float64],
+    color: NDArray[np.float64], colored: bool,
+) -> int:  # fmt: skip
     """Add one piece of surface to a row, whole and by the faces it looks to; those faces."""
     mask = 0
-    row[WEIGHT] += weight
+    sums[at, WEIGHT] += weight
     for k in range(3):
-        row[NORMAL + k] += weight * normal[k]
+        sums[at, NORMAL + k] += weight * normal[k]
         if colored:
-            row[COLOR + k] += weight * color[k]
+            sums[at, COLOR + k] += weight * color[k]
         toward = normal[k]
         if toward != 0.0:
             face = 2 * k + (1 if toward > 0.0 else 0)
             mask |= 1 << face
-            add_to_face(row, face, weight * abs(toward), normal, color, colored)
+            add_to_face(sums, at, face, weight * abs(toward), normal, color, colored)
     return mask
 
 
 @njit(cache=True, nogil=True)
-def add_to_face(row: NDArray[np.float64], face: int, weight: float, normal: NDArray[np.float64],
-                color: NDArray[np.float64], colored: bool) -> None:  # fmt: skip
-    """Add one piece of surface to the sums of a face."""
-    base = FACES + FACE_STRIDE * face
-    row[base] += weight
+def add_to_face(
+    sums: NDArray[np.float64], at: int, face: int, weight: float, normal: NDArray[np.float64],
+    color: NDArray[np.float64], colored: bool,
+) -> None:  # fmt: skip
+    """Add one piece of surface to the sums of a face of row ``at``."""
+    base = _face_sums(face, colored)
+    sums[at, base] += weight
     for k in range(3):
-        row[base + 1 + k] += weight * normal[k]
+        sums[at, base + 1 + k] += weight * normal[k]
         if colored:
-            row[base + 4 + k] += weight * color[k]
+            sums[at, base + 4 + k] += weight * color[k]
 
 
 @njit(cache=True, nogil=True)
@@ -79,7 +95,7 @@ def add_triangles(
     corner, side : (3,) lowest corner of the block, in voxels from the middle, and its side.
     slot : (side³,) −1 everywhere; receives rows of the sums, in Morton order of the cells.
     marked : (⌈side³ / GROUP⌉,) false everywhere; receives which groups of cells are in use.
-    sums, flags : (side³, ROW) and (side³,); rows are cleared as they come into use.
+    sums, flags : (side³, row_length) and (side³,); rows are cleared as they come into use.
 
     Returns
     -------
@@ -105,6 +121,7 @@ def add_triangles(
             if abs(normal[k]) > abs(normal[w]):
                 w = k
         u, v = (w + 1) % 3, (w + 2) % 3
+        reach = 0.5 * abs(normal[w]) + _PLANE_SLACK
         if colored:
             _color_plane(whole, colors, triangles[t], u, v, base, along_u, along_v, least, most)
         # A triangle in a plane of the grid lies in the voxels of both sides, half in each.
@@ -155,9 +172,16 @@ def add_triangles(
                             color[k] = min(max(plane, least[k]), most[k])
                     sums[at, AREA] += area
                     weight = max(area, LEAST_WEIGHT)
-                    mask = add_sides(sums[at], weight, normal, color, colored)
-                    if not flags[at] & SEPARATING and separates(whole, x + 0.5, y + 0.5, z + 0.5):
-                        mask |= SEPARATING
+                    mask = _add_sides(sums, at, weight, normal, color, colored)
+                    if not flags[at] & SEPARATING:
+                        # Most voxels off the cross are so by far: their plane passes it by.
+                        offset = (
+                            normal[0] * (x + 0.5 - whole[0, 0])
+                            + normal[1] * (y + 0.5 - whole[0, 1])
+                            + normal[2] * (z + 0.5 - whole[0, 2])
+                        )
+                        if abs(offset) <= reach and separates(whole, x + 0.5, y + 0.5, z + 0.5):
+                            mask |= SEPARATING
                     flags[at] |= mask
     return used
 
@@ -260,7 +284,7 @@ def _spread(row: NDArray[np.float64], mask: int, channel: int) -> int:
     """Largest difference of sRGB bytes between faces of a voxel in one channel."""
     low, high = np.inf, -np.inf
     for face in range(6):
-        base = FACES + FACE_STRIDE * face
+        base = _face_sums(face, True)
         if mask & (1 << face) and row[base] > _LEAST_SHARE * row[WEIGHT]:
             value = row[base + 4 + channel] / row[base]
             low, high = min(low, value), max(high, value)
@@ -282,7 +306,7 @@ def face_averages(
             face_normal[i, face] = normal[i]
             if colored:
                 face_color[i, face] = color[i]
-            base = FACES + FACE_STRIDE * face
+            base = _face_sums(face, colored)
             if not mask & (1 << face) or not row[base] > 0.0:
                 continue
             _unit(row, base + 1, face_normal[i, face])

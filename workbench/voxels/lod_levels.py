@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workbench.kernels.voxel_merging import add_voxels, faces_of_kept, thin_subset
-from workbench.kernels.voxel_sums import AREA, ROW, averages, face_averages
+from workbench.kernels.voxel_sums import AREA, averages, face_averages, row_length
 from workbench.voxels.voxel_set import SidedVoxels, VoxelSet, joined_voxels
 
 CHUNK_LEVEL = 8
@@ -140,7 +140,7 @@ def _coarser_piece(voxels: VoxelSet, piece: slice, step: int, coherence: float) 
     face_color = voxels.sided.color
     if face_color is None:
         face_color = np.zeros((0, 6, 3), np.uint8)
-    sums, flags = np.zeros((count, ROW)), np.zeros(count, np.uint8)
+    sums, flags = np.zeros((count, row_length(colored))), np.zeros(count, np.uint8)
     add_voxels(
         run, voxels.area[piece], voxels.normal[piece], color, voxels.faces[piece],
         voxels.separating[piece], side, voxels.sided.normal, face_color, sums, flags,

@@ -28,12 +28,12 @@ from workbench.kernels.voxel_blocks import triangles_by_block, triangles_per_blo
 from workbench.kernels.voxel_sums import (
     AREA,
     GROUP,
-    ROW,
     SEPARATING,
     add_triangles,
     averages,
     cells_in_order,
     face_averages,
+    row_length,
 )
 from workbench.voxels.voxel_set import SidedVoxels, VoxelGrid, VoxelSet, joined_voxels
 
@@ -194,11 +194,11 @@ def surface_parts(
 class _Scratch:
     """Room for the sums of one block; pages of it that stay untouched take no memory."""
 
-    def __init__(self, side: int) -> None:
+    def __init__(self, side: int, colored: bool) -> None:
         cells = side**3
         self.slot = np.full(cells, -1, np.int32)
         self.marked = np.zeros(-(-cells // GROUP), np.bool_)
-        self.sums = np.empty((cells, ROW))
+        self.sums = np.empty((cells, row_length(colored)))
         self.flags = np.empty(cells, np.uint8)
 
 
@@ -281,7 +281,7 @@ class _Job:
         side = 1 << self.block_level
         scratch: _Scratch | None = getattr(self.local, "scratch", None)
         if scratch is None:
-            scratch = self.local.scratch = _Scratch(side)
+            scratch = self.local.scratch = _Scratch(side, len(self.colors) > 0)
         cell = morton_cells(np.array([number], np.uint64))[0].astype(np.int64)
         corner = cell * side - self.grid.resolution // 2
         sums, flags = scratch.sums, scratch.flags
