@@ -32,7 +32,8 @@ def _turned(corners: NDArray[np.int32], x: NDArray[np.int64], y: NDArray[np.int6
 def _edge(x: NDArray[np.int64], y: NDArray[np.int64], k: int, px: int, py: int) -> int:
     """Twice the area of the triangle between edge k and a point; positive inside."""
     n = (k + 1) % 3
-    return (x[n] - x[k]) * (py - y[k]) - (y[n] - y[k]) * (px - x[k])
+    area: int = (x[n] - x[k]) * (py - y[k]) - (y[n] - y[k]) * (px - x[k])
+    return area
 
 
 @njit(cache=True, nogil=True)

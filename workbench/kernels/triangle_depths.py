@@ -13,6 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 _FLAT = 1e-12
+# Along flatter views than this cosine, a pixel's depth is not trusted to be steeper still.
+_STEEPEST = 0.15
 
 
 @njit(cache=True, nogil=True)
@@ -108,7 +110,9 @@ def wholly_shown(
     pixels: NDArray[np.float64],
     nearness: NDArray[np.float64],
     triangles: NDArray[np.int32],
-    cosines: NDArray[np.float64],
+    middles: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    center: NDArray[np.float64],
     buffer: NDArray[np.float32],
     usable: NDArray[np.bool_],
     focal_px: float,
@@ -124,8 +128,9 @@ def wholly_shown(
     Parameters
     ----------
     pixels, nearness, triangles : as of `nearness_buffer`, which also made ``buffer`` (h, w).
-    cosines : (m,) between the triangle's normal and the way to the camera; triangles with less
-        than ``least_cosine`` are not shown.
+    middles, normals : (m, 3) of the triangles in the world; a normal is zero without area.
+    center : (3,) of the camera. Triangles are shown only if the angle between their normal and
+        the way there has more than ``least_cosine``.
     usable : (h, w).
     focal_px : focal length; depth over it is a pixel's width on the surface.
     inside_px, beside_px : by how many pixels' widths something must be nearer than the triangle
@@ -139,7 +144,13 @@ def wholly_shown(
     shown = np.zeros(len(triangles), np.bool_)
     x, y, value, reach = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for t in range(len(triangles)):
-        if not cosines[t] >= least_cosine:
+        along, away = 0.0, 0.0
+        for k in range(3):
+            way = center[k] - middles[t, k]
+            along += way * normals[t, k]
+            away += way * way
+        cosine = along / math.sqrt(away) if away > 0.0 else 0.0
+        if not cosine > least_cosine:
             continue
         if not _corners(t, triangles, pixels, nearness, x, y, value):
             continue
@@ -180,7 +191,7 @@ def wholly_shown(
                 near = at + right * (px - x[0]) + down * (py - y[0])
                 near = min(max(near, lowest), highest)
                 # 1 / z − 1 / z' ≈ (z' − z) / z², and a pixel is z / focal wide.
-                limit = inside_px / max(cosines[t], 0.15) if inside else beside_px
+                limit = inside_px / max(cosine, _STEEPEST) if inside else beside_px
                 if found - near > limit * near / focal_px:
                     whole = False
                     break

@@ -90,7 +90,7 @@ def patches_of(
     layer = np.zeros(len(group), np.int64)
     for turn in range(_LAYERS + 1):
         found = _cut(edges, group, layer, cell, corners, group_names, padding)
-        too_large = (found.rects[:, 2:] > largest).any(axis=1)
+        too_large = found.rects[:, 2:].max(axis=1, initial=0) > largest
         if too_large.any():
             cell = _cells(corners, largest - 2 * padding - 4, found, too_large, cell)
             found = _cut(edges, group, layer, cell, corners, group_names, padding)

@@ -90,7 +90,9 @@ def levelled(
     between = (corner_labels[seams.rows] != NO_PHOTO).all(axis=1)
     offsets = np.zeros((len(unique), _CHANNELS))
     _, areas = face_normals_and_areas(mesh)
-    weights = np.bincount(unknown.ravel(), np.repeat(areas[patches.triangles] / 3.0, 3))
+    weights = np.bincount(unknown.ravel(), np.repeat(areas[patches.triangles] / 3.0, 3)).astype(
+        np.float64
+    )
     matrix, wanted = system.equations(seams.where(between), colors[between], shares)
     _solve(matrix, wanted, ~bare, offsets)
     _center(matrix, weights, ~bare, offsets)

@@ -65,15 +65,11 @@ def shown_candidates(
                 found=f"{picture.shape[1]} × {picture.shape[0]}",
             )
         pixels, nearness = pixels_within(mesh.vertices, camera)
-        way = camera.center - middles
-        cosines = (way * normals).sum(axis=1)
-        cosines /= np.maximum(np.linalg.norm(way, axis=1), 1e-300)
-        # Without area, a triangle has no normal and no side to be seen from.
-        cosines[~normals.any(axis=1)] = -1.0
         buffer = nearness_buffer(pixels, nearness, mesh.triangles, camera.height, camera.width)
         shown = wholly_shown(
-            pixels, nearness, mesh.triangles, cosines, buffer, picture[..., 3] == _USABLE,
-            camera.params[0], _INSIDE_PX, _BESIDE_PX, options.least_cosine,
+            pixels, nearness, mesh.triangles, middles, normals, camera.center, buffer,
+            picture[..., 3] == _USABLE, camera.params[0],
+            _INSIDE_PX, _BESIDE_PX, options.least_cosine,
         )  # fmt: skip
         which = np.flatnonzero(shown).astype(np.int32)
         return which, penalties(
@@ -115,7 +111,9 @@ def pixels_within(
     # Corners that no direction reaches have none.
     reach = _REACH * float(np.max(slopes, where=np.isfinite(slopes), initial=0.0))
     known = depth > 0.0
-    known &= np.linalg.norm(in_camera[:, :2], axis=1) <= reach * depth
+    known &= np.square(in_camera[:, 0]) + np.square(in_camera[:, 1]) <= np.square(reach * depth)
+    if known.all():
+        return camera.project(points)[0], 1.0 / depth
     pixels, nearness = np.full((len(points), 2), np.nan), np.zeros(len(points))
     pixels[known] = camera.project(points[known])[0]
     nearness[known] = 1.0 / depth[known]
