@@ -77,17 +77,16 @@ def along_borders(
     kind: NDArray[np.uint8],
     label: NDArray[np.int32],
     change: NDArray[np.float32],
+    seam: NDArray[np.float32],
     radius: int,
 ) -> NDArray[np.float32]:
-    """Changes (h, w, 3) given at borders, averaged over those of the same label around.
-
-    Neighbouring pixels differ by the surface's own colours, too, which has nothing to do with
-    the photographs and differs from place to place along a border.
+    """Changes (h, w, 3) that borders spread: seams, averaged over those of the same label around.
 
     Parameters
     ----------
-    kind, change : of `levelling_constraints`.
+    kind, change : of `levelling_constraints`; where no seam is known around, the change stays.
     label : (h, w).
+    seam : (h, w, 3) change that a border is to spread, NaN where unknown.
     radius : half the side of the square that is around, pixels.
     """
     height, width = kind.shape
@@ -101,12 +100,16 @@ def along_borders(
             count = 0
             for r in range(max(row - radius, 0), min(row + radius, height - 1) + 1):
                 for c in range(max(column - radius, 0), min(column + radius, width - 1) + 1):
-                    if kind[r, c] == BORDER and label[r, c] == label[row, column]:
-                        count += 1
-                        for k in range(_CHANNELS):
-                            total[k] += change[r, c, k]
-            for k in range(_CHANNELS):
-                out[row, column, k] = total[k] / count
+                    if kind[r, c] != BORDER or label[r, c] != label[row, column]:
+                        continue
+                    if np.isnan(seam[r, c, 0]):
+                        continue
+                    count += 1
+                    for k in range(_CHANNELS):
+                        total[k] += seam[r, c, k]
+            if count:
+                for k in range(_CHANNELS):
+                    out[row, column, k] = total[k] / count
     return out
 
 

@@ -128,7 +128,7 @@ def test_what_lies_beside_the_picture_is_not_folded_into_it():
     camera = lens(-0.35)
     turn = camera.camera_from_world[:3, :3]
     mesh = wall(1.0, 0.5, 12)
-    aside = mesh.vertices + [1.9, 0.0, 0.0]
+    aside = mesh.vertices + np.array([1.9, 0.0, 0.0])
     moved = TriangleMesh((aside - camera.camera_from_world[:3, 3]) @ turn, mesh.triangles)
     pixels, _ = camera.project(moved.vertices)
     inside = ((pixels > 0) & (pixels < [128, 96])).all(axis=1)

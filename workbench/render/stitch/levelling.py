@@ -2,8 +2,14 @@
 
 Source: Arikan et al., section 6.2, after Jeschke et al. 2009: a texture of changes is added,
 whose values are given at borders of labels and at steps of depth, and which is as smooth as can
-be between: it solves the Laplace equation. Multigrid solves it to a thousandth in about the
+be between: it solves the Laplace equation. Multigrid solves it to a thousandth in half of the
 eight iterations that the paper's table 3 has.
+
+The paper lets border pixels spread what makes them equal to their neighbours. Neighbours differ
+by the surface's own colours, too: where it grows brighter across a border, both sides would be
+levelled for nothing. So border pixels get that value themselves, but spread how much the two
+photographs differ in one and the same place, averaged along the border, because photographs lie
+a little beside each other.
 """
 
 from __future__ import annotations
@@ -43,8 +49,7 @@ class LevellingSettings:
     ----------
     iterations : at most (Arikan et al., table 3: 8).
     tolerance : it ends where the residual is this share of what it began with for a change of 0.
-    radius_px : what is given at a border is averaged along it over so many pixels before it
-        spreads; 0 spreads every pixel's own.
+    radius_px : what a border spreads is averaged along it over so many pixels to either side.
     """
 
     iterations: int = 8
@@ -84,6 +89,7 @@ def levelling(
     depth: NDArray[np.float32],
     epsilon: float,
     settings: LevellingSettings | None = None,
+    seam: NDArray[np.float32] | None = None,
 ) -> Levelling:
     """The levelling texture of one picture.
 
@@ -93,6 +99,8 @@ def levelling(
     label : (h, w) the photograph each colour comes from.
     depth : (h, w) infinite where nothing is.
     epsilon : neighbours whose depths differ by more do not hang together, metres.
+    seam : (h, w, 3) how the photographs differ at borders, as in `Textured`; without, neighbours
+        tell it.
     """
     settings = settings or LevellingSettings()
     full = np.zeros(color.shape, np.float32)
@@ -103,7 +111,8 @@ def levelling(
     rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     kind, change = np.ascontiguousarray(kinds[box]), np.ascontiguousarray(given[box])
-    spread = along_borders(kind, label[box], change, settings.radius_px)
+    known = change if seam is None else np.ascontiguousarray(seam[box])
+    spread = along_borders(kind, label[box], change, known, settings.radius_px)
     right, down, diagonal, b = finest_grid(kind, spread)
     given = (kind == BORDER) | (kind == STEP)
     reached = _reached(kind, given)

@@ -112,7 +112,9 @@ def colored_view(
     counted = perf_counter()
     bare = textured(shown, scene, cameras, pictures, plan.load)
     colored = perf_counter()
-    level = levelling(bare.color, bare.label, shown.depth, scene.epsilon, settings.levelling)
+    level = levelling(
+        bare.color, bare.label, shown.depth, scene.epsilon, settings.levelling, bare.seam
+    )
     if before is not None:
         change = smoothed(level.change, shown, before)
         level = Levelling(change, level.kind, level.iterations, level.residual)
