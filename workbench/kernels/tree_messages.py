@@ -12,34 +12,69 @@ from numpy.typing import NDArray
 
 from workbench.kernels.pair_costs import difference
 
+# Single precision rounds by less than this; what is rounded down is no more than it was.
+_DOWN = 1.0 - 2e-7
+
+
+@njit(cache=True, nogil=True)
+def seam_table(
+    starts: NDArray[np.int64],
+    labels: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    edge_starts: NDArray[np.int64],
+    edge_labels: NDArray[np.int32],
+    colors: NDArray[np.uint16],
+    weights: NDArray[np.float64],
+    table_starts: NDArray[np.int64],
+) -> NDArray[np.float32]:
+    """What seams cost, never more, for every edge and pair of candidates of its triangles.
+
+    Edge e's, the first triangle's candidates by the second's, begin at ``table_starts[e]``.
+    """
+    table = np.empty(table_starts[len(edges)], np.float32)
+    most = 1
+    for t in range(len(starts) - 1):
+        most = max(most, starts[t + 1] - starts[t])
+    ones, others = np.empty(most, np.int64), np.empty(most, np.int64)
+    for e in range(len(edges)):
+        p, q = edges[e, 0], edges[e, 1]
+        rows, columns = starts[p + 1] - starts[p], starts[q + 1] - starts[q]
+        _find_rows(edge_starts[e], edge_labels, labels, starts[p], rows, ones)
+        _find_rows(edge_starts[e], edge_labels, labels, starts[q], columns, others)
+        at = table_starts[e]
+        for c in range(rows):
+            for d in range(columns):
+                cost = weights[e] * difference(colors, ones[c], others[d])
+                table[at] = np.float32(cost * _DOWN)
+                at += 1
+    return table
+
 
 @njit(cache=True, nogil=True)
 def swept(
     order: NDArray[np.int64],
     rank: NDArray[np.int64],
     starts: NDArray[np.int64],
-    labels: NDArray[np.int32],
     costs: NDArray[np.float64],
     edges: NDArray[np.int32],
     triangle_starts: NDArray[np.int64],
     triangle_sides: NDArray[np.int64],
-    edge_starts: NDArray[np.int64],
-    edge_labels: NDArray[np.int32],
-    colors: NDArray[np.uint16],
-    weights: NDArray[np.float64],
+    table_starts: NDArray[np.int64],
+    table: NDArray[np.float32],
     message_starts: NDArray[np.int64],
     messages: NDArray[np.float64],
 ) -> float:
     """Visit triangles in ``order``, each telling those that come later; the bound this proves.
 
-    The bound holds for the sum of all costs whatever the messages were before, as long as the
-    triangles that come later were visited in the other direction first; it is best then.
+    The bound holds for the sum of all costs whatever the messages were before; it is good after
+    visits in the other direction.
 
     Parameters
     ----------
     order, rank : (m,) the triangles in turn, and the place of each in it.
     triangle_starts, triangle_sides : sides of triangle t: 2 · edge + k, where t is
         ``edges[edge, k]``.
+    table_starts, table : of `seam_table`.
     message_starts, messages : what side 2 · edge + k is told from across the edge, one number for
         each candidate of its triangle; changed in place.
     """
@@ -48,7 +83,6 @@ def swept(
     for t in range(len(starts) - 1):
         most = max(most, starts[t + 1] - starts[t])
     belief = np.empty(most)
-    rows, across = np.empty(most, np.int64), np.empty(most, np.int64)
     for i in range(len(order)):
         t = order[i]
         first, count = starts[t], starts[t + 1] - starts[t]
@@ -77,18 +111,16 @@ def swept(
             if rank[other] < rank[t]:
                 continue
             told, tell = message_starts[side], message_starts[side ^ 1]
-            _find_rows(edge_starts[e], edge_labels, labels, first, count, rows)
             others = starts[other + 1] - starts[other]
-            _find_rows(edge_starts[e], edge_labels, labels, starts[other], others, across)
+            # Seams from candidate c to d stand ``c * along + d * across`` from the edge's first.
+            along, across = (others, 1) if side & 1 == 0 else (1, count)
             lowest = np.inf
             for d in range(others):
                 best = np.inf
+                at = table_starts[e] + d * across
                 for c in range(count):
-                    value = share * belief[c] - messages[told + c]
-                    if value < best:
-                        best = min(
-                            best, value + weights[e] * difference(colors, rows[c], across[d])
-                        )
+                    value = share * belief[c] - messages[told + c] + table[at + c * along]
+                    best = min(best, value)
                 messages[tell + d] = best
                 lowest = min(lowest, best)
             for d in range(others):
