@@ -42,7 +42,7 @@ def _face_sums(face: int, colored: bool) -> int:
 
 def row_length(colored: bool) -> int:
     """Sums per voxel."""
-    return _face_sums(6, colored)
+    return int(_face_sums(6, colored))
 
 
 @njit(cache=True, nogil=True)
