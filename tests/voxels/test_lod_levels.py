@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from workbench.geometry.mesh import TriangleMesh
-from workbench.kernels.morton import morton_cells, morton_codes
+from workbench.kernels.morton import morton_codes
 from workbench.voxels.lod_levels import LodChunk, capped, coarser_voxels, lod_chunks, thin_part
 from workbench.voxels.voxel_set import VoxelGrid, VoxelSet, grid_of_mesh
 from workbench.voxels.voxelisation import VoxelisationOptions, voxel_parts, voxelise
@@ -24,6 +24,13 @@ def plate() -> TriangleMesh:
     """A tilted slab far thinner than the voxels of the tests."""
     solid = trimesh.creation.box((2.0, 1.3, 0.004))
     turn = trimesh.transformations.rotation_matrix(0.4, [3, 1, 2])[:3, :3]
+    return TriangleMesh(np.asarray(solid.vertices) @ turn.T, solid.faces.astype(np.int32))
+
+
+def box() -> TriangleMesh:
+    """A box whose edges let in light where voxels are left out carelessly."""
+    solid = trimesh.creation.box((2.0, 1.3, 0.6))
+    turn = trimesh.transformations.rotation_matrix(1.5, [0.126, -0.132, 0.64])[:3, :3]
     return TriangleMesh(np.asarray(solid.vertices) @ turn.T, solid.faces.astype(np.int32))
 
 
@@ -151,7 +158,7 @@ def flooded(solid: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("thin", [True, False])
-@pytest.mark.parametrize("make", [torus, plate])
+@pytest.mark.parametrize("make", [torus, plate, box])
 def test_no_hole_opens_where_levels_meet(make, thin):
     mesh, level, chunk_level = make(), 6, 3
     chunks = chunks_of(mesh, level, chunk_level, thin)
@@ -209,20 +216,3 @@ def test_needles_and_specks_do_not_vanish_from_the_thin_subset(level):
     near = np.clip(thin.cells[:, None] + steps, 0, whole.grid.resolution - 1).reshape(-1, 3)
     assert np.isin(whole.codes, morton_codes(near)).all()
     assert len(thin) > 0.5 * len(whole)
-
-
-def test_faces_of_left_out_voxels_close_the_ones_behind():
-    mesh = torus()
-    whole = voxelise(mesh, grid_of_mesh(mesh.vertices, 6))
-
-    thin = thin_part(whole, 6)
-
-    assert len(thin) < 0.8 * len(whole)
-    cells = {tuple(cell): mask for cell, mask in zip(thin.cells.tolist(), thin.faces, strict=True)}
-    left = ~np.isin(whole.codes, thin.codes)
-    for cell, mask in zip(morton_cells(whole.codes[left]).tolist(), whole.faces[left], strict=True):
-        for face in range(6):
-            behind = list(cell)
-            behind[face // 2] += -1 if face % 2 else 1
-            if mask >> face & 1 and tuple(behind) in cells:
-                assert cells[tuple(behind)] >> face & 1

@@ -2,6 +2,7 @@ import hashlib
 import itertools
 
 import numpy as np
+import open3d as o3d
 import pytest
 
 from workbench.errors import InputError
@@ -330,3 +331,19 @@ def test_a_scanned_surface_keeps_its_area_and_its_shape(shared_data):
     used = mesh.vertices[np.unique(mesh.triangles)]
     inside = np.floor((used - grid.origin) / grid.voxel_size).astype(np.int64)
     assert np.isin(morton_codes(inside), voxels.codes).all()
+
+
+def test_a_scanned_surface_has_the_voxels_that_another_program_finds(shared_data):
+    mesh = read_surface(shared_data("stanford-bunny", "reference", "bun_zipper.ply"))
+    grid = grid_of_mesh(mesh.vertices, 6)
+    given = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.triangles)
+    )
+    other = o3d.geometry.VoxelGrid.create_from_triangle_mesh_within_bounds(
+        given, grid.voxel_size, grid.origin, grid.origin + grid.size
+    )
+
+    voxels = voxelise(mesh, grid)
+
+    cells = np.array([voxel.grid_index for voxel in other.get_voxels()])
+    np.testing.assert_array_equal(np.sort(morton_codes(cells)), voxels.codes)

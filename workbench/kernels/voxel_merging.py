@@ -18,6 +18,7 @@ from workbench.kernels.voxel_sums import (
     add_to_face,
 )
 
+_BUCKET_BITS = 12
 # A face that is set counts this much at least, however steeply the surface passes it.
 _LEAST_TOWARD = 0.05
 
@@ -73,7 +74,20 @@ def add_voxels(
 
 
 @njit(cache=True, nogil=True)
-def _neighbour(codes: NDArray[np.uint64], code: np.uint64, face: int, level: int) -> int:
+def _bucket_starts(codes: NDArray[np.uint64], level: int) -> NDArray[np.int64]:
+    """Where runs of codes with the same upper bits start, so that searches are short."""
+    shift = np.uint64(max(3 * level - _BUCKET_BITS, 0))
+    mask = np.uint64((1 << _BUCKET_BITS) - 1)
+    starts = np.zeros((1 << _BUCKET_BITS) + 1, np.int64)
+    for code in codes:
+        starts[int((code >> shift) & mask) + 1] += 1
+    return np.cumsum(starts)
+
+
+@njit(cache=True, nogil=True)
+def _neighbour(
+    codes: NDArray[np.uint64], starts: NDArray[np.int64], code: np.uint64, face: int, level: int
+) -> int:
     """Row of the voxel beyond a face, −1 when it is not there, −2 outside the chunk."""
     axis = face // 2
     at = int(gathered_bits(code >> np.uint64(axis)))
@@ -81,9 +95,28 @@ def _neighbour(codes: NDArray[np.uint64], code: np.uint64, face: int, level: int
     if at >> level != beyond >> level:
         return -2
     others = code & ~(np.uint64(0x1249249249249249) << np.uint64(axis))
-    beyond_code = others | (spread_bits(beyond) << np.uint64(axis))
-    place = int(np.searchsorted(codes, beyond_code))
-    return place if place < len(codes) and codes[place] == beyond_code else -1
+    wanted = others | (spread_bits(beyond) << np.uint64(axis))
+    shift = np.uint64(max(3 * level - _BUCKET_BITS, 0))
+    bucket = int((wanted >> shift) & np.uint64((1 << _BUCKET_BITS) - 1))
+    low, high = starts[bucket], starts[bucket + 1]
+    while low < high:
+        middle = (low + high) // 2
+        if codes[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < starts[bucket + 1] and codes[low] == wanted else -1
+
+
+@njit(cache=True, nogil=True)
+def _on_border(code: np.uint64, level: int) -> bool:
+    """Whether a voxel has a face on the border of its chunk."""
+    last = np.uint64((1 << level) - 1)
+    for axis in range(3):
+        at = gathered_bits(code >> np.uint64(axis)) & last
+        if at == np.uint64(0) or at == last:
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)
@@ -116,11 +149,12 @@ def thin_subset(
         axis = _main_axis(normal[i])
         keep[i] |= (faces[i] >> (2 * axis) & 3) == 3
     alone = np.zeros(len(codes), np.bool_)
+    starts = _bucket_starts(codes, level)
     for i in range(len(codes)):
         if not keep[i]:
             axis = _main_axis(normal[i])
-            before = _neighbour(codes, codes[i], 2 * axis, level)
-            behind = _neighbour(codes, codes[i], 2 * axis + 1, level)
+            before = _neighbour(codes, starts, codes[i], 2 * axis, level)
+            behind = _neighbour(codes, starts, codes[i], 2 * axis + 1, level)
             alone[i] = not (before >= 0 and keep[before]) and not (behind >= 0 and keep[behind])
     return keep | alone
 
@@ -129,10 +163,12 @@ def thin_subset(
 def faces_of_kept(
     codes: NDArray[np.uint64], faces: NDArray[np.uint8], keep: NDArray[np.bool_], level: int
 ) -> NDArray[np.uint8]:
-    """Masks (n,) in which outward faces of dropped voxels have moved to those behind them.
+    """Masks (n,) with the faces of kept voxels that come to light where others are dropped.
 
-    A plate thinner than a voxel may be kept without its rim: the voxel behind the dropped
-    one then closes the rim.
+    A dropped voxel is open to the outside where one of its outward faces has nothing beyond
+    it, and through dropped neighbours that are open; what lies beyond the chunk may be open.
+    Voxels that are kept show the faces towards open ones. The outside sees faces that are
+    set and no others, if that was so with all voxels there.
 
     Parameters
     ----------
@@ -140,13 +176,32 @@ def faces_of_kept(
     faces, keep : (n,) outward faces and which voxels are kept.
     level : chunks are cubes of 2**level voxels a side.
     """
-    moved = faces.copy()
+    shown = faces.copy()
+    starts = _bucket_starts(codes, level)
+    is_open = np.zeros(len(codes), np.bool_)
+    stack = np.empty(len(codes), np.int64)
+    count = 0
     for i in range(len(codes)):
         if keep[i]:
             continue
+        is_open[i] = _on_border(codes[i], level)
         for face in range(6):
-            if faces[i] & (1 << face):
-                behind = _neighbour(codes, codes[i], face ^ 1, level)
-                if behind >= 0 and keep[behind]:
-                    moved[behind] |= 1 << face
-    return moved
+            if not is_open[i] and faces[i] & (1 << face):
+                is_open[i] = _neighbour(codes, starts, codes[i], face, level) < 0
+        if is_open[i]:
+            stack[count] = i
+            count += 1
+    while count > 0:
+        count -= 1
+        i = stack[count]
+        for face in range(6):
+            beyond = _neighbour(codes, starts, codes[i], face, level)
+            if beyond < 0:
+                continue
+            if keep[beyond]:
+                shown[beyond] |= 1 << (face ^ 1)
+            elif not is_open[beyond]:
+                is_open[beyond] = True
+                stack[count] = beyond
+                count += 1
+    return shown

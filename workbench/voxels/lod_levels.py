@@ -172,12 +172,12 @@ def _coarser_piece(voxels: VoxelSet, piece: slice, step: int, coherence: float) 
 def thin_part(part: VoxelSet, chunk_level: int = CHUNK_LEVEL) -> VoxelSet:
     """The 6-separating voxels of one chunk, and features too thin for them.
 
-    Faces of dropped voxels move to the voxels behind them; across the border of the chunk,
-    where those are not known, voxels get all faces to the outside.
+    Kept voxels show the faces that come to light where others are dropped, and all faces on
+    the border of the chunk, beyond which it is not known what is dropped.
     """
     keep = thin_subset(part.codes, part.faces, part.normal, part.separating, chunk_level)
-    moved = faces_of_kept(part.codes, part.faces, keep, chunk_level)
-    return capped(replace(part, faces=moved).subset(keep), chunk_level)
+    shown = faces_of_kept(part.codes, part.faces, keep, chunk_level)
+    return capped(replace(part, faces=shown).subset(keep), chunk_level)
 
 
 def capped(part: VoxelSet, chunk_level: int = CHUNK_LEVEL) -> VoxelSet:
