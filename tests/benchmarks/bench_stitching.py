@@ -57,6 +57,7 @@ ROUNDS, RADII = (0, 1, 2, 3, 5), (1, 2, 5, 8)
 ITERATIONS, CONVERGED = (1, 2, 3, 4, 6, 8), 60
 TURN_DEG, STOPS = 0.1, 0.3
 ALONE = StitchSettings(rounds=0)
+CHANCE = StitchSettings(rounds=0, coarseness_weight=0.0)
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,7 @@ def drawn(held: Held, view: int) -> dict[str, tuple[StitchScene, Fragments, floa
         ),
         "by chance": (
             scene,
-            lambda: stitched(by_chance, camera, visibility(scene, camera), ALONE),
+            lambda: stitched(by_chance, camera, visibility(scene, camera), CHANCE),
         ),
         "z-buffer": (scene, lambda: z_buffered(scene, camera)),
         "overwriting": (scene, lambda: overwritten(scene, camera, held.own, ranks)),
@@ -271,7 +272,7 @@ def vote_points(held: Held) -> list[TradeoffPoint]:
         for view in held.views:
             camera = held.scene.cameras[view]
             visible = visibility(held.stitch, camera)
-            competing = competition(held.stitch, camera, visible, setting.slots)
+            competing = competition(held.stitch, camera, visible, setting)
             start = perf_counter()
             chosen = choice(held.stitch, competing, setting)
             seconds += perf_counter() - start

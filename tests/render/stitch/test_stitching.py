@@ -37,6 +37,19 @@ def test_the_lower_penalty_wins_among_equals_in_rank():
         assert (shown(StitchScene.of(meshes, 0.05)).label == 1).all()
 
 
+def test_of_backgrounds_of_one_photograph_the_finer_mesh_wins():
+    """Whichever comes first, and by as much penalty as their coarseness weighs."""
+    fine, coarse = labelled(wall(2.0, cells=32), 0, False), labelled(wall(2.01, cells=8), 0, False)
+    for meshes, finer in (([fine, coarse], 0), ([coarse, fine], 1)):
+        scene = StitchScene.of(meshes, 0.05)
+        assert (shown(scene).mesh == finer).all()
+        # Four times as long edges, over the median, which is the fine mesh's.
+        assert np.unique(scene.coarseness.round(3)).tolist() == [1.0, 4.0]
+    for lead, finer in ((0.8, True), (1.0, False)):
+        better = replace(coarse, penalties=coarse.penalties - np.float32(lead))
+        assert (shown(StitchScene.of([fine, better], 0.05)).mesh == (0 if finer else 1)).all()
+
+
 def test_positions_lie_on_the_mesh_that_won():
     scene = StitchScene.of([labelled(wall(2.0), 0, False), labelled(wall(2.04), 1)], 0.05)
     camera = pinhole()
@@ -52,10 +65,10 @@ def test_more_meshes_than_slots_leave_the_lowest_penalties():
     meshes = [labelled(wall(2.0 + 1e-3 * k), k, False, 1.0 + (k * 7 % 10)) for k in range(10)]
     scene = StitchScene.of(meshes, 0.05)
     camera = pinhole(24, 18, 20.0)
-    kept = competition(scene, camera, visibility(scene, camera), 3)
+    kept = competition(scene, camera, visibility(scene, camera), StitchSettings(slots=3))
     assert kept.contested.all()
     assert (np.sort(scene.penalties[kept.triangle], axis=2) == [1.0, 2.0, 3.0]).all()
-    most = competition(scene, camera, visibility(scene, camera), 16)
+    most = competition(scene, camera, visibility(scene, camera), StitchSettings(slots=16))
     assert ((most.triangle >= 0).sum(axis=2) == 10).all()
 
 

@@ -61,7 +61,7 @@ def overwritten(
         foreground=np.ones(len(scene.labels), bool),
         penalties=np.repeat(rank, counts),
     )
-    settings = StitchSettings(rounds=0)
+    settings = StitchSettings(rounds=0, coarseness_weight=0.0)
     return stitched(unlabelled, camera, visibility(scene, camera), settings)
 
 
@@ -104,11 +104,12 @@ def blended(
         inside = np.isfinite(pixels).all(axis=1)
         inside &= ((pixels >= 0.0) & (pixels < [small.width, small.height])).all(axis=1)
         column, row = np.where(inside[:, None], pixels, 0.0).astype(np.intp).T
+        front = np.asarray(depth[row, column])
         way = cameras[photo].center - places
         distance = np.linalg.norm(way, axis=1)
-        cosine = (way * normals).sum(axis=1) / np.maximum(distance, 1e-12)
-        near = deep <= depth[row, column] + scene.epsilon
-        which = np.flatnonzero(inside & near & (cosine > _LEAST_COSINE))
+        cosine = np.asarray((way * normals).sum(axis=1) / np.maximum(distance, 1e-12))
+        near = np.asarray(deep <= front + scene.epsilon)
+        which = np.flatnonzero(np.logical_and.reduce([inside, near, cosine > _LEAST_COSINE]))
         pixels, _ = cameras[photo].project(places[which])
         colors, coverage = between_texels(pictures(photo), pixels)
         weight = cosine[which] / distance[which] ** 2 * coverage

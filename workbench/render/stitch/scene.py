@@ -16,6 +16,7 @@ from workbench.geometry.labelled_mesh import LabelledMesh
 # sight that is several times as much. Arikan's table 3 has about as much: 0.1 m in rooms.
 _EPSILON_SPACINGS = 3.0
 _GREY = 128
+_COARSEST = 5.0
 
 _Number = TypeVar("_Number", bound=np.generic)
 
@@ -33,6 +34,8 @@ class StitchScene:
     vertex_starts : (k + 1,) int64 likewise of the vertices.
     labels, foreground, penalties : (t,) as in `LabelledMesh`; a penalty is infinite where there is
         no photograph.
+    coarseness : (t,) float32 longest edge of each triangle over the median of all, at most 5: how
+        poorly a mesh samples the surface where it sees it from afar or from the side.
     epsilon : fragments at most this far behind the front-most show the same surface, metres.
     """
 
@@ -44,6 +47,7 @@ class StitchScene:
     labels: NDArray[np.int32]
     foreground: NDArray[np.bool_]
     penalties: NDArray[np.float32]
+    coarseness: NDArray[np.float32]
     epsilon: float
 
     @property
@@ -99,6 +103,7 @@ class StitchScene:
             _joined([mesh.labels for mesh in meshes], np.zeros(0, np.int32)),
             _joined([mesh.foreground for mesh in meshes], np.zeros(0, bool)),
             penalties,
+            _coarseness(vertices, triangles),
             _EPSILON_SPACINGS * _median_edge(vertices, triangles) if epsilon is None else epsilon,
         )
 
@@ -115,6 +120,15 @@ def _colors(mesh: LabelledMesh) -> NDArray[np.uint8]:
     shape = (len(mesh.mesh.vertices), 3)
     colors = mesh.mesh.vertex_attributes.get("color")
     return np.full(shape, _GREY, np.uint8) if colors is None else colors[:, :3]
+
+
+def _coarseness(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float32]:
+    longest = np.zeros(len(triangles))
+    for k in range(3):
+        edge = vertices[triangles[:, k]] - vertices[triangles[:, (k + 1) % 3]]
+        np.maximum(longest, np.linalg.norm(edge, axis=1), out=longest)
+    usual = float(np.median(longest)) if len(longest) else 0.0
+    return np.minimum(longest / (usual or 1.0), _COARSEST).astype(np.float32)
 
 
 def _median_edge(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> float:

@@ -66,11 +66,11 @@ class Screen:
         self._focal = np.array([params[0], params[1] if model == "PINHOLE" else params[0]])
         self._middle = np.array(params[-2:]) if self._pinhole else np.zeros(2)
         along = np.linspace(0.0, 1.0, _BORDER_STEPS)
-        border = np.concatenate(
+        border: NDArray[np.float64] = np.concatenate(
             [np.column_stack(pair) for k in (0.0, 1.0) for pair in _sides(along, k)]
         )
         size = np.array([camera.width, camera.height], np.float64)
-        ways = rotate(camera.camera_from_world, camera.directions(np.asarray(border * size)))
+        ways = rotate(camera.camera_from_world, camera.directions(border * size))
         slopes = ways[:, :2] / ways[:, 2:]
         spread = _MARGIN * (slopes.max(axis=0) - slopes.min(axis=0))
         self._low, self._high = slopes.min(axis=0) - spread, slopes.max(axis=0) + spread

@@ -35,6 +35,8 @@ class StitchSettings:
     label_weight : how much better, in units of the penalty (0 to 3), a fragment must be whose
         label no neighbour has.
     mesh_weight : likewise of the mesh; a change of the mesh alone shows as a step in shape.
+    coarseness_weight : of the triangles' coarseness beside the photograph's penalty: backgrounds
+        differ less in their photographs than in how well their meshes sample the surface.
     slots : at most so many meshes compete at a pixel.
     """
 
@@ -42,6 +44,7 @@ class StitchSettings:
     radius_px: int = 3
     label_weight: float = 0.5
     mesh_weight: float = 0.3
+    coarseness_weight: float = 0.3
     slots: int = 8
 
     def __post_init__(self) -> None:
@@ -98,7 +101,7 @@ class Fragments:
 
 
 def competition(
-    scene: StitchScene, camera: PhotoCamera, visible: Visibility, slots: int
+    scene: StitchScene, camera: PhotoCamera, visible: Visibility, settings: StitchSettings
 ) -> Competition:
     """Draw all meshes again and keep what lies within ε of the front.
 
@@ -107,7 +110,8 @@ def competition(
     does, and loses those that lie behind others by less than ε everywhere.
     """
     screen = Screen(camera)
-    shape = (*visible.depth.shape, slots)
+    shape = (*visible.depth.shape, settings.slots)
+    costs = _costs(scene, settings)
     depth = np.zeros(shape, np.float32)
     triangle = np.full(shape, NO_TRIANGLE, np.int32)
     for mesh in range(scene.meshes):
@@ -121,7 +125,7 @@ def competition(
             visible.depth,
             scene.epsilon,
             scene.foreground,
-            scene.penalties,
+            costs,
             depth,
             triangle,
         )
@@ -132,7 +136,8 @@ def choice(
     scene: StitchScene, competing: Competition, settings: StitchSettings
 ) -> NDArray[np.int8]:
     """(h, w) the slot that wins; −1 where none competes."""
-    chosen = lowest_penalties(competing.triangle, competing.depth, scene.penalties)
+    costs = _costs(scene, settings)
+    chosen = lowest_penalties(competing.triangle, competing.depth, costs)
     meshes = np.repeat(np.arange(scene.meshes, dtype=np.int32), np.diff(scene.starts))
     # Where nothing competes all is settled. Such pixels vote first: else a cheap island between
     # two foregrounds would keep itself up by its own votes.
@@ -145,7 +150,7 @@ def choice(
             competing.depth,
             scene.labels,
             meshes,
-            scene.penalties,
+            costs,
             scene.epsilon,
             settings.radius_px,
             settings.label_weight,
@@ -153,6 +158,12 @@ def choice(
         )
         voters = chosen
     return np.asarray(chosen)
+
+
+def _costs(scene: StitchScene, settings: StitchSettings) -> NDArray[np.float32]:
+    """(t,) what the choice of each triangle costs without its neighbours."""
+    weight = np.float32(settings.coarseness_weight)
+    return np.asarray(scene.penalties + weight * scene.coarseness, np.float32)
 
 
 def fragments(
@@ -187,7 +198,7 @@ def stitched(
 ) -> Fragments:
     """The third pass: one fragment a pixel of those that compete."""
     settings = settings or StitchSettings()
-    competing = competition(scene, camera, visible, settings.slots)
+    competing = competition(scene, camera, visible, settings)
     return chosen_fragments(scene, camera, competing, choice(scene, competing, settings))
 
 
