@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 FREE, BORDER, STEP, EMPTY = 0, 1, 2, 3
 _CHANNELS = 3
+_NO_PHOTO = -1
 
 Grid = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
@@ -29,12 +30,14 @@ def levelling_constraints(
 
     A direct neighbour of another label on the same surface makes a pixel a ``BORDER``: it is to
     have the mean of its own colour and of all such neighbours. One that differs in depth by more
-    than ε makes it a ``STEP``, which is to keep its colour, unless it is a border.
+    than ε makes it a ``STEP``, which is to keep its colour, unless it is a border. Colours of no
+    photograph give way to those of one: they take the mean of the neighbours alone, for whom
+    they are a step.
 
     Parameters
     ----------
     color : (h, w, 3).
-    label : (h, w).
+    label : (h, w), −1 for no photograph.
     depth : (h, w), infinite where nothing is: such pixels are ``EMPTY`` and nobody's neighbours.
     epsilon : in the unit of depth.
 
@@ -59,16 +62,19 @@ def levelling_constraints(
                 c = column + (side == 0) - (side == 1)
                 if r < 0 or c < 0 or r == height or c == width or not np.isfinite(depth[r, c]):
                     continue
-                if abs(depth[r, c] - z) > epsilon:
+                if label[r, c] == label[row, column] and abs(depth[r, c] - z) <= epsilon:
+                    continue
+                if label[r, c] == _NO_PHOTO or abs(depth[r, c] - z) > epsilon:
                     kind[row, column] = STEP
-                elif label[r, c] != label[row, column]:
+                else:
                     others += 1
                     for k in range(_CHANNELS):
                         total[k] += color[r, c, k] - color[row, column, k]
             if others:
                 kind[row, column] = BORDER
+                own = label[row, column] != _NO_PHOTO
                 for k in range(_CHANNELS):
-                    change[row, column, k] = total[k] / (others + 1)
+                    change[row, column, k] = total[k] / (others + own)
     return kind, change
 
 
@@ -84,7 +90,7 @@ def along_borders(
 
     Parameters
     ----------
-    kind, change : of `levelling_constraints`; where no seam is known around, the change stays.
+    kind, change : of `levelling_constraints`. A border around which no seam is known spreads 0.
     label : (h, w).
     seam : (h, w, 3) change that a border is to spread, NaN where unknown.
     radius : half the side of the square that is around, pixels.
@@ -107,9 +113,8 @@ def along_borders(
                     count += 1
                     for k in range(_CHANNELS):
                         total[k] += seam[r, c, k]
-            if count:
-                for k in range(_CHANNELS):
-                    out[row, column, k] = total[k] / count
+            for k in range(_CHANNELS):
+                out[row, column, k] = total[k] / max(count, 1)
     return out
 
 

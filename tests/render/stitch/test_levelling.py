@@ -177,6 +177,20 @@ def test_seams_spread_what_photographs_differ_in_and_not_what_the_surface_does()
     assert np.abs(biased[:, 0] - surface[:, 0] - 0.05).min() > 0.002
 
 
+def test_colours_of_no_photograph_give_way():
+    """A grey patch amid a photograph takes its colour; the photograph keeps all of its own."""
+    label = np.zeros((40, 40), np.int32)
+    label[10:25, 12:30] = -1
+    color = np.full((40, 40, 3), [0.8, 0.3, 0.2], np.float32)
+    color[label == -1] = 0.5
+    depth = np.ones((40, 40), np.float32)
+    nowhere = np.full(color.shape, np.nan, np.float32)
+    for seam in (None, nowhere):
+        out = levelling(color, label, depth, EPSILON, RAW, seam).applied(color)
+        assert (out[label == 0] == color[label == 0]).all()
+        assert np.abs(out - [0.8, 0.3, 0.2]).max() < 1e-5
+
+
 def test_seams_are_averaged_along_borders_of_one_label():
     kind = np.full((1, 7), BORDER, np.uint8)
     kind[0, 2] = FREE
@@ -186,9 +200,9 @@ def test_seams_are_averaged_along_borders_of_one_label():
         np.array([[1.0, 2, 9, 6, 4, np.nan, np.nan]], np.float32)[..., None], 3, axis=2
     )
     out = along_borders(kind, label, change, seam, 2)
-    assert np.allclose(out[0, :, 0], [1.5, 3.0, 100, 4.0, 4.0, 4.0, 100])
+    assert np.allclose(out[0, :, 0], [1.5, 3.0, 100, 4.0, 4.0, 4.0, 0])
     alone = along_borders(kind, label, change, seam, 0)
-    assert np.allclose(alone[0, :, 0], [1, 2, 100, 6, 4, 100, 100])
+    assert np.allclose(alone[0, :, 0], [1, 2, 100, 6, 4, 0, 0])
 
 
 def test_settings_have_bounds():

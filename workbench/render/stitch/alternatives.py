@@ -101,8 +101,8 @@ def blended(
     for photo in photos:
         small, depth = depths(photo)
         pixels, deep = small.project(places)
-        inside = np.isfinite(pixels).all(axis=1)
-        inside &= ((pixels >= 0.0) & (pixels < [small.width, small.height])).all(axis=1)
+        within = (pixels >= 0.0) & (pixels < [small.width, small.height])
+        inside = np.asarray(within.all(axis=1))
         column, row = np.where(inside[:, None], pixels, 0.0).astype(np.intp).T
         front = np.asarray(depth[row, column])
         way = cameras[photo].center - places

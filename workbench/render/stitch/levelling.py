@@ -9,7 +9,8 @@ The paper lets border pixels spread what makes them equal to their neighbours. N
 by the surface's own colours, too: where it grows brighter across a border, both sides would be
 levelled for nothing. So border pixels get that value themselves, but spread how much the two
 photographs differ in one and the same place, averaged along the border, because photographs lie
-a little beside each other.
+a little beside each other. Colours of vertices are stand-ins: they are levelled to the
+photographs around them, and never the other way.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.geometry.labelled_mesh import NO_PHOTO
 from workbench.kernels.levelling_multigrid import (
     BORDER,
     EMPTY,
@@ -111,7 +113,9 @@ def levelling(
     rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     kind, change = np.ascontiguousarray(kinds[box]), np.ascontiguousarray(given[box])
-    known = change if seam is None else np.ascontiguousarray(seam[box])
+    known = change
+    if seam is not None:
+        known = np.where((label[box] == NO_PHOTO)[..., None], change, seam[box])
     spread = along_borders(kind, label[box], change, known, settings.radius_px)
     right, down, diagonal, b = finest_grid(kind, spread)
     given = (kind == BORDER) | (kind == STEP)

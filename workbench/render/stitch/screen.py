@@ -70,7 +70,9 @@ class Screen:
             [np.column_stack(pair) for k in (0.0, 1.0) for pair in _sides(along, k)]
         )
         size = np.array([camera.width, camera.height], np.float64)
-        ways = rotate(camera.camera_from_world, camera.directions(border * size))
+        ways = rotate(
+            camera.camera_from_world, camera.directions(np.asarray(border * size, np.float64))
+        )
         slopes = ways[:, :2] / ways[:, 2:]
         spread = _MARGIN * (slopes.max(axis=0) - slopes.min(axis=0))
         self._low, self._high = slopes.min(axis=0) - spread, slopes.max(axis=0) + spread
