@@ -147,7 +147,9 @@ def thin_subset(
     keep = separating.copy()
     for i in range(len(codes)):
         axis = _main_axis(normal[i])
-        keep[i] |= (faces[i] >> (2 * axis) & 3) == 3
+        both = faces[i] & faces[i] >> 1 & 0b010101
+        # Where both sides cancel there is no main axis.
+        keep[i] |= (both & 1 << 2 * axis if normal[i, axis] != 0 else both) != 0
     alone = np.zeros(len(codes), np.bool_)
     starts = _bucket_starts(codes, level)
     for i in range(len(codes)):
