@@ -11,17 +11,20 @@ from hypothesis import given, settings
 from tests.voxels.voxel_grids import codes_of, grids
 from workbench.errors import InputError
 from workbench.kernels.dag_rows import NO_CHILD
+from workbench.kernels.dag_near_words import near_rows, put_near
 from workbench.kernels.dag_words import compact_rows, put_compact
 from workbench.voxels.dag_decoding import DagWalk
-from workbench.voxels.dag_encoding import COMPACT, ENCODINGS, MIRRORED, encoded
+from workbench.voxels.dag_encoding import COMPACT, ENCODINGS, encoded
 from workbench.voxels.dag_reading import dag_of
 from workbench.voxels.dag_reduction import reduced_dag
-from workbench.voxels.symmetric_dag import symmetric_dag
+from workbench.voxels.graph_export import reduced_for
+from workbench.voxels.voxel_set import grid_of_mesh
+from workbench.voxels.voxelisation import voxelise
 
 
 def graph_of(codes, level, encoding):
     dag = reduced_dag(codes, level)
-    return encoded(symmetric_dag(dag) if encoding in MIRRORED else dag, encoding)
+    return encoded(reduced_for(dag, encoding), encoding)
 
 
 @given(grids(levels=(2, 3, 5)))
@@ -37,6 +40,45 @@ def test_every_encoding_gives_back_every_voxel(full):
 def noise(level=7, count=20_000):
     rng = np.random.default_rng(3)
     return np.unique(rng.integers(0, 8**level, count)).astype(np.uint64)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_pointers_of_all_lengths_give_back_every_voxel(encoding):
+    codes = noise(8, 60_000)
+    assert np.array_equal(DagWalk(dag_of(graph_of(codes, 8, encoding))).codes(), codes)
+
+
+def test_near_nodes_bit_by_bit():
+    # Children 0 … 3 at these offsets, of which the first is popular, the others in a row.
+    child_at = np.array([3, 5000, 5006, 1 << 20])
+    rows = np.full((2, 8), NO_CHILD, np.uint32)
+    rows[0, 1], rows[0, 4], rows[0, 7] = 0 << 6 | 47, 1 << 6 | 9, 2 << 6
+    rows[1, 0], rows[1, 2] = 2 << 6 | 1, 3 << 6 | 2
+    words, anchors = np.zeros(128, np.uint16), np.zeros(1, np.uint32)
+    node_at, ranks = np.empty(2, np.int64), np.arange(4)
+    order = np.arange(2)
+    used = put_near(rows, order, child_at, ranks, child_at, 1, False, words, anchors, node_at)
+    assert (used, list(node_at), list(anchors)) == (8, [0, 4], [5000])
+    assert words[0] == 0b10_00_00_10_00_00_01_00
+    assert list(words[1:4]) == [47 << 10 | 3, 9 << 10 | 0, 0 << 10 | 6]
+    assert words[4] == 0b00_00_00_00_00_11_00_10
+    assert list(words[5:8]) == [1 << 10 | 6, 2 << 10 | 16, 0]
+    place_of = np.full((1 << 20) + 1, NO_CHILD, np.uint32)
+    place_of[child_at] = ranks
+    out, own = np.empty((128, 8), np.uint32), np.full(128, NO_CHILD, np.uint32)
+    assert near_rows(words, anchors, place_of, out, own) == 2
+    assert np.array_equal(out[:2], rows)
+    assert list(np.flatnonzero(own != NO_CHILD)) == [0, 4]
+
+
+def test_near_pointers_make_a_scanned_surface_smaller(sphere):
+    mesh = sphere(subdivisions=5)
+    bumps = 1 + 0.05 * np.sin(9 * mesh.vertices[:, :1]) * np.cos(7 * mesh.vertices[:, 1:2])
+    mesh = replace(mesh, vertices=bumps * mesh.vertices)
+    codes = voxelise(mesh, grid_of_mesh(mesh.vertices, 9)).codes
+    sizes = {encoding: graph_of(codes, 9, encoding).nbytes for encoding in ENCODINGS}
+    assert sizes["osvdag"] < 0.85 * sizes["ssvdag"]
+    assert sizes["ssvdag"] < 0.4 * sizes["svdag"]
 
 
 def test_bytes_are_those_of_the_papers_node_sizes():
@@ -57,11 +99,11 @@ def half_words(dag):
     """Half-words of compact nodes, counted node by node as 5.4.3 describes the layout."""
     total, offsets = 0, {}
     for depth in range(dag.level - 2, -1, -1):
-        rows = [[int(w) >> 3 for w in row if w != NO_CHILD] for row in dag.rows[depth]]
+        rows = [[int(w) >> 6 for w in row if w != NO_CHILD] for row in dag.rows[depth]]
         named = [0] * len(rows)
         for word in dag.rows[depth - 1].ravel() if depth else ():
             if word != NO_CHILD:
-                named[int(word) >> 3] += 1
+                named[int(word) >> 6] += 1
         if depth == dag.level - 2:
             sizes = [1] * len(rows)
         else:
@@ -76,7 +118,7 @@ def half_words(dag):
 
 def test_compact_nodes_bit_by_bit():
     rows = np.full((1, 8), NO_CHILD, np.uint32)
-    rows[0, 0], rows[0, 3], rows[0, 6], rows[0, 7] = 0 << 3 | 5, 1 << 3 | 1, 2 << 3 | 7, 3 << 3
+    rows[0, 0], rows[0, 3], rows[0, 6], rows[0, 7] = 0 << 6 | 5, 1 << 6 | 1, 2 << 6 | 7, 3 << 6
     child_at = np.array([8191, 8192, (1 << 29) + 3, (1 << 30) - 1])
     words = np.zeros(8, np.uint16)
     put_compact(rows, np.zeros(1, np.int64), child_at, words)
@@ -111,7 +153,7 @@ def test_equal_voxels_give_equal_bytes_whatever_the_parts():
     codes = noise()
     for encoding in ENCODINGS:
         dags = [reduced_dag(codes, 7, at_once) for at_once in (1 << 20, 500)]
-        graphs = [encoded(symmetric_dag(d) if encoding in MIRRORED else d, encoding) for d in dags]
+        graphs = [encoded(reduced_for(d, encoding), encoding) for d in dags]
         assert graphs[0].nodes.tobytes() == graphs[1].nodes.tobytes()
         assert graphs[0].bricks.tobytes() == graphs[1].bricks.tobytes()
 

@@ -10,10 +10,10 @@ import pytest
 
 from workbench.errors import InputError
 from workbench.voxels.dag_colors import packed_colors
-from workbench.voxels.dag_encoding import ENCODINGS, MIRRORED, encoded
+from workbench.voxels.dag_encoding import ENCODINGS, encoded
 from workbench.voxels.dag_file import VoxelGraph, read_voxel_graph, write_voxel_graph
 from workbench.voxels.dag_reduction import reduced_dag
-from workbench.voxels.symmetric_dag import symmetric_dag
+from workbench.voxels.graph_export import reduced_for
 from workbench.voxels.voxel_set import VoxelGrid
 
 
@@ -21,7 +21,7 @@ def voxel_graph(encoding, colors=None):
     rng = np.random.default_rng(2)
     codes = np.unique(rng.integers(0, 8**5, 700)).astype(np.uint64)
     dag = reduced_dag(codes, 5)
-    graph = encoded(symmetric_dag(dag) if encoding in MIRRORED else dag, encoding)
+    graph = encoded(reduced_for(dag, encoding), encoding)
     grid = VoxelGrid(np.array([1.5, -2.0, 5.4e6]), 0.75, 5)
     if colors:
         values = rng.integers(0, colors, (len(codes), 3)).astype(np.uint8)
@@ -36,7 +36,7 @@ def test_what_is_written_is_read(tmp_path, encoding, colors):
     written = voxel_graph(encoding, colors)
     assert write_voxel_graph(path, written) == path.stat().st_size
     found = read_voxel_graph(path)
-    for name in ("encoding", "level", "voxels", "root_mirror"):
+    for name in ("encoding", "level", "voxels", "root_turn"):
         assert getattr(found.graph, name) == getattr(written.graph, name)
     for name in ("starts", "nodes", "bricks"):
         before, after = getattr(written.graph, name), getattr(found.graph, name)

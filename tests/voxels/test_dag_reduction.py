@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from tests.voxels.voxel_grids import FLIPS, codes_of, distinct_subtrees, grids
+from tests.voxels.voxel_grids import codes_of, distinct_subtrees, grids, images_of
 from workbench.errors import InputError
-from workbench.kernels.dag_symmetry import mirrored_mask
+from workbench.kernels.cube_turns import COMPOSED, INVERSE, SLOT, TURNED, turned_mask
 from workbench.voxels.dag_decoding import DagWalk
 from workbench.voxels.dag_reduction import DistinctRows, reduced_dag, reduced_parts
 from workbench.voxels.symmetric_dag import leaf_table, symmetric_dag
@@ -31,21 +29,23 @@ def same(a: VoxelDag, b: VoxelDag) -> bool:
 def test_every_voxel_comes_back_and_no_subtree_is_kept_twice(full):
     codes = codes_of(full)
     dag = reduced_dag(codes, level_of(full))
-    mirrored = symmetric_dag(dag)
-    assert np.array_equal(DagWalk(dag).codes(), codes)
-    assert np.array_equal(DagWalk(mirrored).codes(), codes)
-    assert dag.node_count == distinct_subtrees(full, mirrored=False)
-    assert mirrored.node_count == distinct_subtrees(full, mirrored=True)
+    mirrored, turned = symmetric_dag(dag), symmetric_dag(dag, 48)
+    for graph in (dag, mirrored, turned, symmetric_dag(mirrored, 48)):
+        assert np.array_equal(DagWalk(graph).codes(), codes)
+    assert dag.node_count == distinct_subtrees(full, 1)
+    assert mirrored.node_count == distinct_subtrees(full, 8)
+    assert turned.node_count == distinct_subtrees(full, 48)
 
 
 @given(grids())
 @settings(max_examples=30, deadline=None)
-def test_mirror_images_have_graphs_of_the_same_size(full):
-    counts = set()
-    for a, b, c in FLIPS:
-        dag = reduced_dag(codes_of(full[::a, ::b, ::c]), level_of(full))
-        counts.add(tuple(len(rows) for rows in symmetric_dag(dag).rows))
-    assert len(counts) == 1
+def test_images_have_graphs_of_the_same_size(full):
+    for order in (8, 48):
+        counts = set()
+        for image in images_of(full, turned=order == 48):
+            dag = reduced_dag(codes_of(image), level_of(full))
+            counts.add(tuple(len(rows) for rows in symmetric_dag(dag, order).rows))
+        assert len(counts) == 1
 
 
 @given(grids(levels=(4,)))
@@ -57,18 +57,35 @@ def test_the_graph_does_not_depend_on_the_parts(full):
         assert same(whole, reduced_dag(codes, 4, at_once))
 
 
-def test_the_leaf_table_is_the_largest_of_the_mirror_images():
-    words, invariants = leaf_table()
-    assert len(np.unique(words >> 3)) == 46
+def test_turns_are_the_group_of_the_cube():
+    centers = np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(8)]) - 0.5
+    assert len({tuple(row) for row in TURNED.tolist()}) == 48
+    for g in range(48):
+        moved = centers[TURNED[g]]
+        # Where the octants' middles go is a linear map that keeps lengths.
+        matrix = np.linalg.lstsq(centers, moved, rcond=None)[0]
+        np.testing.assert_allclose(centers @ matrix, moved, atol=1e-12)
+        np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-12)
+        assert (TURNED[g][SLOT[g]] == np.arange(8)).all()
+        assert (TURNED[INVERSE[g]] == SLOT[g]).all()
+        for h in range(48):
+            assert (TURNED[COMPOSED[g, h]] == TURNED[g][TURNED[h]]).all()
+    assert (TURNED[:8] == np.arange(8) ^ np.arange(8)[:, None]).all()
+
+
+@pytest.mark.parametrize(("order", "kinds"), [(8, 46), (48, 22)])
+def test_the_leaf_table_is_the_largest_of_the_images(order, kinds):
+    words, invariants = leaf_table(order)
+    assert len(np.unique(words >> 6)) == kinds
     for mask in range(256):
         cube = np.array([mask >> k & 1 for k in range(8)]).reshape(2, 2, 2)
         images = [
-            sum(int(bit) << k for k, bit in enumerate(cube[::c, ::b, ::a].ravel()))
-            for c, b, a in itertools.product((1, -1), repeat=3)
+            sum(int(bit) << k for k, bit in enumerate(image.ravel()))
+            for image in images_of(cube, turned=order == 48)
         ]
-        assert words[mask] >> 3 == max(images)
-        assert mirrored_mask(int(words[mask] >> 3), int(words[mask] & 7)) == mask
-        assert [invariants[mask] >> t & 1 for t in range(8)] == [i == mask for i in images]
+        assert words[mask] >> 6 == max(images)
+        assert turned_mask(int(words[mask] >> 6), int(words[mask] & 63)) == mask
+        assert int(invariants[mask]).bit_count() == images.count(mask)
 
 
 def test_a_node_that_is_its_own_image_under_two_mirrors_at_once_only():
@@ -82,7 +99,7 @@ def test_a_node_that_is_its_own_image_under_two_mirrors_at_once_only():
     full[:8, :8, :8], full[8:, :8, :8] = node, node[:, ::-1]
     dag = symmetric_dag(reduced_dag(codes_of(full), 4))
     assert [len(rows) for rows in dag.rows] == [1, 1, 1]
-    assert dag.node_count == distinct_subtrees(full, mirrored=True)
+    assert dag.node_count == distinct_subtrees(full, 8)
 
 
 def test_a_single_voxel_at_the_finest_level():

@@ -67,6 +67,7 @@ def test_a_ball_is_told_by_its_octant(tmp_path, ball):
     assert by_name["ssvdag"]["nodes"] < 0.4 * by_name["svdag"]["nodes"]
     assert by_name["ssvdag"]["bytes"] < by_name["esvdag"]["bytes"] < by_name["svdag"]["bytes"]
     assert by_name["ssvdag"]["bytes"] < by_name["ussvdag"]["bytes"] < by_name["svdag"]["bytes"]
+    assert by_name["osvdag"]["nodes"] < 0.4 * by_name["ssvdag"]["nodes"]
     assert by_name["svo"]["nodes"] == summary["octree_nodes"]
     assert by_name["ssvdag"]["bytes"] == summary["graph_bytes"]
 
@@ -88,7 +89,7 @@ def test_a_graph_that_lost_a_voxel_is_not_written(tmp_path, ball, monkeypatch):
     grid = grid_of_mesh(ball.vertices, 5)
     real = graph_export.symmetric_dag
     lossy = graph_export.reduced_parts([voxelise(ball, grid).codes[1:]], 5, 0)
-    monkeypatch.setattr(graph_export, "symmetric_dag", lambda dag: real(lossy))
+    monkeypatch.setattr(graph_export, "symmetric_dag", lambda dag, order: real(lossy, order))
     with pytest.raises(WorkbenchError, match="give back"):
         export_voxel_graph([voxelise(ball, grid)], grid, tmp_path / "a")
     assert not (tmp_path / "a").exists()

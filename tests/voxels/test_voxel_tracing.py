@@ -8,10 +8,10 @@ import pytest
 from workbench.formats.surface_files import read_surface
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.kernels.morton import morton_cells
-from workbench.voxels.dag_encoding import ENCODINGS, MIRRORED, encoded
+from workbench.voxels.dag_encoding import ENCODINGS, encoded
 from workbench.voxels.dag_reduction import reduced_dag
+from workbench.voxels.graph_export import reduced_for
 from workbench.voxels.graph_pictures import PictureOptions, camera_around, traced_view
-from workbench.voxels.symmetric_dag import symmetric_dag
 from workbench.voxels.tracing import VoxelTracer
 from workbench.voxels.voxel_set import VoxelGrid, grid_of_mesh
 from workbench.voxels.voxelisation import voxelise
@@ -19,8 +19,7 @@ from workbench.voxels.voxelisation import voxelise
 
 def tracers(codes, grid):
     dag = reduced_dag(codes, grid.level)
-    mirrored = symmetric_dag(dag)
-    return {e: VoxelTracer(encoded(mirrored if e in MIRRORED else dag, e), grid) for e in ENCODINGS}
+    return {e: VoxelTracer(encoded(reduced_for(dag, e), e), grid) for e in ENCODINGS}
 
 
 def first_box_met(cells, origins, directions):

@@ -18,16 +18,25 @@ def codes_of(full: NDArray[np.bool_]) -> NDArray[np.uint64]:
     return np.sort(morton_codes(np.argwhere(full)))
 
 
-def distinct_subtrees(full: NDArray[np.bool_], *, mirrored: bool) -> int:
-    """Non-empty aligned blocks of 2³ voxels and more that differ, also when flipped if so."""
+def images_of(full: NDArray[np.bool_], *, turned: bool) -> list[NDArray[np.bool_]]:
+    """A grid mirrored along its axes in all 8 ways, or turned as well in all 48."""
+    orders = itertools.permutations(range(3)) if turned else [(0, 1, 2)]
+    return [full.transpose(order)[::a, ::b, ::c] for order in orders for a, b, c in FLIPS]
+
+
+def distinct_subtrees(full: NDArray[np.bool_], order: int) -> int:
+    """Non-empty aligned blocks of 2³ voxels and more that are no images of one another.
+
+    ``order`` is 1 for blocks that are equal, 8 for mirror images, 48 for turned ones, too.
+    """
     side, count = len(full), 0
     while side >= 2:
         kinds = set()
         for corner in itertools.product(range(0, len(full), side), repeat=3):
             block = full[tuple(slice(c, c + side) for c in corner)]
             if block.any():
-                flips = FLIPS if mirrored else FLIPS[:1]
-                kinds.add(min(block[::a, ::b, ::c].tobytes() for a, b, c in flips))
+                images = images_of(block, turned=order == 48) if order > 1 else [block]
+                kinds.add(min(image.tobytes() for image in images))
         count += len(kinds)
         side //= 2
     return count
@@ -47,6 +56,6 @@ def grids(draw: st.DrawFn, levels: tuple[int, ...] = (2, 3, 4)) -> NDArray[np.bo
     full = np.zeros((side, side, side), bool)
     for corner in itertools.product(range(0, side, small), repeat=3):
         a, b, c = FLIPS[rng.integers(8)]
-        block = kinds[rng.integers(3)][::a, ::b, ::c]
+        block = kinds[rng.integers(3)].transpose(rng.permutation(3))[::a, ::b, ::c]
         full[tuple(slice(k, k + small) for k in corner)] = block
     return full

@@ -6,9 +6,9 @@ import numpy as np
 from numba import int64, njit
 from numpy.typing import NDArray
 
-# A child's word is its place in the level below times eight plus three mirror bits.
+# A child's word is its place in the level below times 64 plus its turn, 0 … 47.
 NO_CHILD = np.uint32(0xFFFFFFFF)
-MIRROR_BITS = 3
+TURN_BITS, TURN_MASK = 6, 63
 
 _THREE, _SEVEN, _HALF = np.uint64(3), np.uint64(7), np.uint64(32)
 # Odd constants of the splitmix64 generator (Steele et al. 2014).

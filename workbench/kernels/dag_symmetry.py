@@ -1,4 +1,4 @@
-"""Nodes that are mirror images of one another, told by one row for all of them."""
+"""Nodes that a turn or a mirror makes of one another, told by one row for all of them."""
 
 from __future__ import annotations
 
@@ -6,89 +6,66 @@ import numpy as np
 from numba import int64, njit
 from numpy.typing import NDArray
 
-from workbench.kernels.dag_rows import NO_CHILD
-
-_TAG, _UNTAG = np.uint32(7), np.uint32(0xFFFFFFF8)
-
-
-@njit(cache=True, nogil=True)
-def mirrored_mask(mask: int, mirror: int) -> int:
-    """The 2³ voxels of ``mask`` mirrored along the axes of ``mirror``, both as bits."""
-    out = 0
-    for c in range(8):
-        if mask >> c & 1:
-            out |= 1 << (c ^ mirror)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def smallest_tag(tag: int, invariant: int) -> int:
-    """The smallest mirror that does the same as ``tag`` to a node.
-
-    Parameters
-    ----------
-    tag : three bits, one for each axis.
-    invariant : bit T is set where mirror T maps the node onto itself; bit 0 always is.
-    """
-    least = tag
-    for t in range(1, 8):
-        if invariant >> t & 1 and tag ^ t < least:
-            least = tag ^ t
-    return least
+from workbench.kernels.cube_turns import COMPOSED, INVERSE, SLOT
+from workbench.kernels.dag_rows import NO_CHILD, TURN_BITS, TURN_MASK
 
 
 @njit(cache=True, nogil=True)
 def canonical_rows(
     rows: NDArray[np.uint32],
     words: NDArray[np.uint32],
-    invariants: NDArray[np.uint8],
+    least_turns: NDArray[np.int8],
+    groups: NDArray[np.int64],
+    order: int,
     out: NDArray[np.uint32],
-    tags: NDArray[np.uint8],
-    out_invariants: NDArray[np.uint8],
+    turns: NDArray[np.uint8],
+    invariants: NDArray[np.uint64],
 ) -> None:
-    """The smallest of the eight mirror images of every node, and the way back from it.
+    """The smallest of all images of every node, and the turn back from it.
 
-    Nodes are mirror images of one another exactly when their smallest rows are equal: the
-    children's representatives are known to be different from each other under all mirrors,
-    and of the mirrors that do the same to a child only the smallest is written.
+    Nodes are images of one another exactly when their smallest rows are equal: the children's
+    representatives are known to be no images of each other, and of the turns that do the same
+    to a child only the least is written.
 
     Parameters
     ----------
-    rows : (n, 8) words of children before; their mirror bits count.
-    words : (m,) word of each such child's representative: place times eight plus the mirror
-        that makes the child of it.
-    invariants : (k,) of the representatives, one bit per mirror that changes nothing.
+    rows : (n, 8) words of children before; their turns count.
+    words : (m,) word of each such child's representative and the turn that makes the child
+        of it.
+    least_turns : (k, 48) for each group of turns that map a node onto itself, the least turn
+        that does to that node what a turn does.
+    groups : which such group each representative has.
+    order : 8 for mirrors alone, 48 for all turns.
     out : (n, 8) filled with the canonical rows.
-    tags : (n,) filled with the mirror that makes the node of its canonical row.
-    out_invariants : (n,) filled with the mirrors that map the node onto itself, bits.
+    turns : (n,) filled with the turn that makes the node of its canonical row.
+    invariants : (n,) filled with the turns that map the canonical node onto itself, bits.
     """
-    row = np.empty(8, np.uint32)
+    place, turn = np.empty(8, np.int64), np.empty(8, np.int64)
     image = np.empty(8, np.uint32)
     for i in range(len(rows)):
         for c in range(8):
-            row[c] = NO_CHILD
+            place[c] = -1
             if rows[i, c] != NO_CHILD:
-                row[c] = words[rows[i, c] >> 3] ^ (rows[i, c] & _TAG)
-        tags[i] = 0
-        for t in range(8):
-            order = 0
+                word = words[rows[i, c] >> TURN_BITS]
+                place[c] = word >> TURN_BITS
+                turn[c] = COMPOSED[rows[i, c] & TURN_MASK, word & TURN_MASK]
+        first = 0
+        for g in range(order):
+            sign = 0
             for c in range(8):
-                word = row[c ^ t]
-                if word != NO_CHILD:
-                    place = word >> 3
-                    tag = smallest_tag(int64((word & _TAG) ^ t), int64(invariants[place]))
-                    word = (word & _UNTAG) | np.uint32(tag)
-                image[c] = word
-                if order == 0 and t > 0 and word != out[i, c]:
-                    order = -1 if word < out[i, c] else 1
-                    if order > 0:
+                k = SLOT[g, c]
+                image[c] = NO_CHILD
+                if place[k] >= 0:
+                    least = least_turns[groups[place[k]], COMPOSED[g, turn[k]]]
+                    image[c] = np.uint32(place[k] << TURN_BITS | int64(least))
+                if sign == 0 and g > 0 and image[c] != out[i, c]:
+                    sign = -1 if image[c] < out[i, c] else 1
+                    if sign > 0:
                         break
-            if t == 0 or order < 0:
+            if g == 0 or sign < 0:
                 out[i] = image
-                tags[i] = t
-                out_invariants[i] = 0
-                first = t
-            if order == 0:
-                out_invariants[i] |= np.uint8(1 << (t ^ first))
-            elif order < 0:
-                out_invariants[i] |= np.uint8(1)
+                first, sign = g, 0
+                turns[i] = INVERSE[g]
+                invariants[i] = 0
+            if sign == 0:
+                invariants[i] |= np.uint64(1) << np.uint64(COMPOSED[g, INVERSE[first]])

@@ -10,8 +10,8 @@ import numpy as np
 from numba import int64, njit
 from numpy.typing import NDArray
 
-from workbench.kernels.dag_rows import NO_CHILD
-from workbench.kernels.dag_symmetry import mirrored_mask
+from workbench.kernels.cube_turns import COMPOSED, SLOT, turned_mask
+from workbench.kernels.dag_rows import NO_CHILD, TURN_BITS, TURN_MASK
 
 # How many of eight bits are set.
 POPCOUNT = np.array([bin(mask).count("1") for mask in range(256)], np.uint8)
@@ -34,10 +34,10 @@ def subtree_counts(
                 if word == NO_CHILD:
                     continue
                 if depth == depths - 1:
-                    full += np.uint64(POPCOUNT[word >> 3])
+                    full += np.uint64(POPCOUNT[word >> TURN_BITS])
                     count += np.uint64(1)
                 else:
-                    below = starts[depth + 1] + int64(word >> 3)
+                    below = starts[depth + 1] + int64(word >> TURN_BITS)
                     full += voxels[below]
                     count += nodes[below]
             voxels[i] = full
@@ -62,9 +62,9 @@ def expanded_codes(
     out : (n,) with room for all.
     """
     bricks = len(starts) - 2
-    node, mirror = np.zeros(bricks + 1, np.int64), np.zeros(bricks + 1, np.int64)
+    node, turn = np.zeros(bricks + 1, np.int64), np.zeros(bricks + 1, np.int64)
     child, code = np.zeros(bricks + 1, np.int64), np.zeros(bricks + 1, np.uint64)
-    node[top], mirror[top], code[top] = starts[top] + (root >> 3), root & 7, root_code
+    node[top], turn[top], code[top] = starts[top] + (root >> TURN_BITS), root & TURN_MASK, root_code
     depth, count = top, 0
     while depth >= top:
         c = child[depth]
@@ -72,21 +72,21 @@ def expanded_codes(
             depth -= 1
             continue
         child[depth] += 1
-        word = rows[node[depth], c ^ mirror[depth]]
+        word = rows[node[depth], SLOT[turn[depth], c]]
         if word == NO_CHILD:
             continue
-        own = mirror[depth] ^ int64(word & np.uint32(7))
+        own = int64(COMPOSED[turn[depth], word & TURN_MASK])
         at = (code[depth] << np.uint64(3)) | np.uint64(c)
         if depth == bricks:
-            mask = mirrored_mask(int64(word >> 3), own)
+            mask = turned_mask(int64(word >> TURN_BITS), own)
             for j in range(8):
                 if mask >> j & 1:
                     out[count] = (at << np.uint64(3)) | np.uint64(j)
                     count += 1
         else:
             depth += 1
-            node[depth] = starts[depth] + int64(word >> 3)
-            mirror[depth], child[depth], code[depth] = own, 0, at
+            node[depth] = starts[depth] + int64(word >> TURN_BITS)
+            turn[depth], child[depth], code[depth] = own, 0, at
     return count
 
 
@@ -96,16 +96,16 @@ def expanded_masks(
 ) -> int:
     """Fill ``out`` (n,) with the children's mask of every octree node, parents first."""
     bricks = len(starts) - 2
-    node, mirror = np.zeros(bricks + 1, np.int64), np.zeros(bricks + 1, np.int64)
+    node, turn = np.zeros(bricks + 1, np.int64), np.zeros(bricks + 1, np.int64)
     child = np.zeros(bricks + 1, np.int64)
-    node[0], mirror[0] = starts[0] + (root >> 3), root & 7
+    node[0], turn[0] = starts[0] + (root >> TURN_BITS), root & TURN_MASK
     depth, count = 0, 0
     while depth >= 0:
         c = child[depth]
         if c == 0:
             mask = 0
             for k in range(8):
-                if rows[node[depth], k ^ mirror[depth]] != NO_CHILD:
+                if rows[node[depth], SLOT[turn[depth], k]] != NO_CHILD:
                     mask |= 1 << k
             out[count] = mask
             count += 1
@@ -113,17 +113,17 @@ def expanded_masks(
             depth -= 1
             continue
         child[depth] += 1
-        word = rows[node[depth], c ^ mirror[depth]]
+        word = rows[node[depth], SLOT[turn[depth], c]]
         if word == NO_CHILD:
             continue
-        own = mirror[depth] ^ int64(word & np.uint32(7))
+        own = int64(COMPOSED[turn[depth], word & TURN_MASK])
         if depth == bricks:
-            out[count] = mirrored_mask(int64(word >> 3), own)
+            out[count] = turned_mask(int64(word >> TURN_BITS), own)
             count += 1
         else:
             depth += 1
-            node[depth] = starts[depth] + int64(word >> 3)
-            mirror[depth], child[depth] = own, 0
+            node[depth] = starts[depth] + int64(word >> TURN_BITS)
+            turn[depth], child[depth] = own, 0
     return count
 
 
@@ -188,7 +188,7 @@ def voxel_ranges(
     """
     level = len(starts)
     for i in range(len(codes)):
-        node, mirror, before = starts[0] + (root >> 3), root & 7, 0
+        node, turn, before = starts[0] + (root >> TURN_BITS), root & TURN_MASK, 0
         mask, found = 0, int64(voxels[node])
         for depth in range(depths[i]):
             c = int64(codes[i] >> np.uint64(3 * (depths[i] - 1 - depth))) & 7
@@ -197,22 +197,22 @@ def voxel_ranges(
                 found = mask >> c & 1
                 break
             for k in range(c):
-                word = rows[node, k ^ mirror]
+                word = rows[node, SLOT[turn, k]]
                 if word != NO_CHILD:
                     if depth == level - 2:
-                        before += int64(POPCOUNT[word >> 3])
+                        before += int64(POPCOUNT[word >> TURN_BITS])
                     else:
-                        before += int64(voxels[starts[depth + 1] + int64(word >> 3)])
-            word = rows[node, c ^ mirror]
+                        before += int64(voxels[starts[depth + 1] + int64(word >> TURN_BITS)])
+            word = rows[node, SLOT[turn, c]]
             if word == NO_CHILD:
                 found = 0
                 break
-            mirror ^= int64(word & np.uint32(7))
+            turn = int64(COMPOSED[turn, word & TURN_MASK])
             if depth == level - 2:
-                mask = mirrored_mask(int64(word >> 3), mirror)
+                mask = turned_mask(int64(word >> TURN_BITS), turn)
                 found = int64(POPCOUNT[mask])
             else:
-                node = starts[depth + 1] + int64(word >> 3)
+                node = starts[depth + 1] + int64(word >> TURN_BITS)
                 found = int64(voxels[node])
         first[i] = before if found > 0 else -1
         count[i] = found

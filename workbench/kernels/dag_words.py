@@ -23,8 +23,8 @@ import numpy as np
 from numba import int64, njit
 from numpy.typing import NDArray
 
-from workbench.kernels.dag_rows import NO_CHILD
-from workbench.kernels.dag_symmetry import mirrored_mask
+from workbench.kernels.cube_turns import turned_mask
+from workbench.kernels.dag_rows import NO_CHILD, TURN_BITS, TURN_MASK
 
 SHORT_OFFSETS, LONG_OFFSETS = 1 << 13, 1 << 30
 _LOW_29, _LOW_16 = (1 << 29) - 1, (1 << 16) - 1
@@ -40,7 +40,7 @@ def bricks_of_rows(
         for c in range(8):
             word = rows[order[k], c]
             if word != NO_CHILD:
-                mask = mirrored_mask(int64(word >> 3), int64(word & np.uint32(7)))
+                mask = turned_mask(int64(word >> TURN_BITS), int64(word & TURN_MASK))
                 bits |= np.uint64(mask) << np.uint64(8 * c)
         out[k] = bits
 
@@ -51,7 +51,7 @@ def rows_of_bricks(bricks: NDArray[np.uint64], out: NDArray[np.uint32]) -> None:
     for i in range(len(bricks)):
         for c in range(8):
             mask = int64((bricks[i] >> np.uint64(8 * c)) & np.uint64(255))
-            out[i, c] = np.uint32(mask << 3) if mask else NO_CHILD
+            out[i, c] = np.uint32(mask << TURN_BITS) if mask else NO_CHILD
 
 
 @njit(cache=True, nogil=True)
@@ -84,8 +84,8 @@ def put_plain(
             word = rows[i, c]
             if word != NO_CHILD:
                 mask |= 1 << c
-                mask |= int64(word & np.uint32(7)) << (8 + 3 * c)
-                words[at] = child_at[word >> 3]
+                mask |= int64(word & TURN_MASK) << (8 + 3 * c)
+                words[at] = child_at[word >> TURN_BITS]
                 at += 1
         words[head] = mask
     return at
@@ -123,7 +123,7 @@ def plain_rows(
                 place = place_of[words[at]]
                 if place == NO_CHILD:
                     return -1
-                out[count, c] = np.uint32(place << 3) | np.uint32(head >> (8 + 3 * c) & 7)
+                out[count, c] = np.uint32(place << TURN_BITS) | np.uint32(head >> (8 + 3 * c) & 7)
                 at += 1
         count += 1
     return count
@@ -139,7 +139,7 @@ def compact_sizes(
         for c in range(8):
             word = rows[i, c]
             if word != NO_CHILD:
-                out[i] += 1 if child_at[word >> 3] < SHORT_OFFSETS else 2
+                out[i] += 1 if child_at[word >> TURN_BITS] < SHORT_OFFSETS else 2
 
 
 @njit(cache=True, nogil=True)
@@ -158,7 +158,7 @@ def put_compact(
             word = rows[order[k], c]
             if word == NO_CHILD:
                 continue
-            offset, tag = child_at[word >> 3], int64(word & np.uint32(7))
+            offset, tag = child_at[word >> TURN_BITS], int64(word & TURN_MASK)
             if offset < SHORT_OFFSETS:
                 header |= 1 << (2 * c)
                 out[at] = tag << 13 | offset
@@ -210,7 +210,7 @@ def compact_rows(
                 at += 2
             if offset >= len(place_of) or place_of[offset] == NO_CHILD:
                 return -1
-            out[count, c] = place_of[offset] << 3 | tag
+            out[count, c] = np.uint32(place_of[offset] << TURN_BITS | tag)
         count += 1
     return count
 

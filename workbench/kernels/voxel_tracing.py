@@ -1,8 +1,9 @@
 """Rays through an encoded voxel graph, by a digital differential analyser of all depths.
 
 The walk is that of Jaspe 2018, 5.5.1 (fig. 5.7): the geometry is mirrored, not the ray, by
-three bits that children's numbers are combined with. Rays that run against an axis are
-mirrored once, at the start, and that mirror is one more to combine with. Where a ray meets a
+three bits that children's numbers are combined with, and turned by tables where a graph has
+more than mirrors. Rays that run against an axis are mirrored once, at the start, and that
+mirror is one more turn to combine with. Where a ray meets a
 cell is computed from the cell alone, never summed up along the way: the answer is the same
 for every encoding of the same voxels and wherever a ray begins before the first of them.
 """
@@ -12,9 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
+from workbench.kernels.cube_turns import COMPOSED, SLOT, TURNED_MASK
 from workbench.kernels.dag_fetch import child_node, root_node
 
 # Rays along an axis: so slow across it that they leave no cell that way.
@@ -26,9 +28,10 @@ def trace_rays(
     words: NDArray[np.uint32],
     halves: NDArray[np.uint16],
     bricks: NDArray[np.uint64],
+    anchors: NDArray[np.uint32] | None,
     compact: bool,
     starts: NDArray[np.int64],
-    root_mirror: int,
+    root_turn: int,
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],
     nearest: NDArray[np.float64],
@@ -42,8 +45,8 @@ def trace_rays(
 
     Parameters
     ----------
-    words, halves, bricks, compact, starts, root_mirror : the graph, not empty; see
-        `workbench.kernels.dag_fetch`.
+    words, halves, bricks, anchors, compact, starts, root_turn : the graph, not empty, see
+        `workbench.kernels.dag_fetch`; without anchors all turns are mirrors.
     origins, directions : (n, 3) in voxels from the cube's corner; directions are unit.
     nearest, farthest : (n,) the stretch of each ray that counts, in voxels.
     slope : a cell whose side is no more than ``slope`` times its distance is as good as a
@@ -55,7 +58,7 @@ def trace_rays(
     level = len(starts) - 1
     side = 1 << level
     nodes, heads = np.empty(level, np.int64), np.empty(level, np.int64)
-    masks, mirrors = np.empty(level, np.int64), np.empty(level, np.int64)
+    masks, turns = np.empty(level, np.int64), np.empty(level, np.int64)
     for r in range(len(origins)):
         distance[r], sizes[r] = math.inf, 0
         flip = 0
@@ -73,12 +76,16 @@ def trace_rays(
         if not t < end:
             continue
         node, head, brick, mask = root_node(words, halves, bricks, compact, level)
-        mirror, depth, h = root_mirror ^ flip, 0, side >> 1
+        turn, depth, h = int64(COMPOSED[flip, root_turn]), 0, side >> 1
+        if anchors is not None:
+            # Turned once for the node, not child by child as mirrors are.
+            mask = int64(TURNED_MASK[np.uint64(turn), np.uint64(mask)])
         cx = h if (h - ox) * ix <= t else 0
         cy = h if (h - oy) * iy <= t else 0
         cz = h if (h - oz) * iz <= t else 0
         while True:
-            slot = (((cx & h) != 0) | ((cy & h) != 0) << 1 | ((cz & h) != 0) << 2) ^ mirror
+            seen = ((cx & h) != 0) | ((cy & h) != 0) << 1 | ((cz & h) != 0) << 2
+            slot = seen ^ turn if anchors is None else seen
             if mask >> slot & 1:
                 enters = max(0.0, max((cx - ox) * ix, max((cy - oy) * iy, (cz - oz) * iz)))
                 if h == 1 or h <= slope * enters:
@@ -88,13 +95,19 @@ def trace_rays(
                     cells[r, 2] = side - h - cz if flip & 4 else cz
                     break
                 nodes[depth], heads[depth] = node, head
-                masks[depth], mirrors[depth] = mask, mirror
+                masks[depth], turns[depth] = mask, turn
                 depth += 1
                 h >>= 1
-                node, head, brick, mask, tag = child_node(
-                    words, halves, bricks, compact, starts, depth, node, head, brick, slot
+                if anchors is not None:
+                    slot = int64(SLOT[np.uint64(turn), np.uint64(seen)])
+                node, head, brick, mask, own = child_node(
+                    words, halves, bricks, anchors, compact, starts, depth, node, head, brick, slot
                 )
-                mirror ^= tag
+                if anchors is None:
+                    turn ^= own
+                else:
+                    turn = int64(COMPOSED[np.uint64(turn), np.uint64(own)])
+                    mask = int64(TURNED_MASK[np.uint64(turn), np.uint64(mask)])
                 cx += h if (cx + h - ox) * ix <= t else 0
                 cy += h if (cy + h - oy) * iy <= t else 0
                 cz += h if (cz + h - oz) * iz <= t else 0
@@ -118,7 +131,7 @@ def trace_rays(
                     depth -= 1
                 cx, cy, cz = cx & -h, cy & -h, cz & -h
                 node, head = nodes[depth], heads[depth]
-                mask, mirror = masks[depth], mirrors[depth]
+                mask, turn = masks[depth], turns[depth]
 
 
 @njit(cache=True, nogil=True)
@@ -126,9 +139,10 @@ def beam_starts(
     words: NDArray[np.uint32],
     halves: NDArray[np.uint16],
     bricks: NDArray[np.uint64],
+    anchors: NDArray[np.uint32] | None,
     compact: bool,
     starts: NDArray[np.int64],
-    root_mirror: int,
+    root_turn: int,
     origin: NDArray[np.float64],
     axes: NDArray[np.float64],
     half_angles: NDArray[np.float64],
@@ -141,7 +155,7 @@ def beam_starts(
 
     Parameters
     ----------
-    words, halves, bricks, compact, starts, root_mirror : the graph, not empty.
+    words, halves, bricks, anchors, compact, starts, root_turn : the graph, not empty.
     origin : (3,) tip of all cones, in voxels from the cube's corner.
     axes : (n, 3) unit.
     half_angles : (n,) radians, below a right angle.
@@ -160,7 +174,7 @@ def beam_starts(
         node, head, brick, mask = root_node(words, halves, bricks, compact, level)
         at[0, :] = 0
         state[0, 0], state[0, 1], state[0, 2] = node, head, mask
-        state[0, 3], state[0, 4] = root_mirror, 0
+        state[0, 3], state[0, 4] = root_turn, 0
         held[0], bound[0] = brick, 0.0
         top = 1
         while top > 0:
@@ -169,12 +183,12 @@ def beam_starts(
                 continue
             x, y, z = at[top, 0], at[top, 1], at[top, 2]
             node, head, mask = state[top, 0], state[top, 1], state[top, 2]
-            mirror, depth = state[top, 3], state[top, 4]
+            turn, depth = state[top, 3], state[top, 4]
             brick = held[top]
             h = 1 << (level - 1 - depth)
             first = top
             for c in range(8):
-                slot = c ^ mirror
+                slot = int64(SLOT[turn, c])
                 if not mask >> slot & 1:
                     continue
                 cx, cy, cz = x + (c & 1) * h, y + (c >> 1 & 1) * h, z + (c >> 2) * h
@@ -197,7 +211,17 @@ def beam_starts(
                     best = near
                     continue
                 deeper = child_node(
-                    words, halves, bricks, compact, starts, depth + 1, node, head, brick, slot
+                    words,
+                    halves,
+                    bricks,
+                    anchors,
+                    compact,
+                    starts,
+                    depth + 1,
+                    node,
+                    head,
+                    brick,
+                    slot,
                 )
                 # Kept with the farthest lowest, so that the nearest is taken first.
                 k = top
@@ -207,7 +231,7 @@ def beam_starts(
                     k -= 1
                 at[k, 0], at[k, 1], at[k, 2] = cx, cy, cz
                 state[k, 0], state[k, 1], state[k, 2] = deeper[0], deeper[1], deeper[3]
-                state[k, 3], state[k, 4] = mirror ^ deeper[4], depth + 1
+                state[k, 3], state[k, 4] = COMPOSED[turn, deeper[4]], depth + 1
                 held[k], bound[k] = deeper[2], near
                 top += 1
         out[b] = best

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
-from workbench.kernels.dag_rows import MIRROR_BITS, NO_CHILD
+from workbench.kernels.cube_turns import COMPOSED, SLOT
+from workbench.kernels.dag_rows import NO_CHILD, TURN_BITS, TURN_MASK
 from workbench.kernels.dag_walk import (
     codes_of_masks,
     expanded_codes,
@@ -39,7 +40,7 @@ class DagWalk:
         self._voxels = np.empty(len(self._rows), np.uint64)
         nodes = np.empty(len(self._rows), np.uint64)
         subtree_counts(self._rows, self._starts, self._voxels, nodes)
-        place = dag.root >> 3
+        place = dag.root >> TURN_BITS
         self.voxel_count = 0 if dag.empty else int(self._voxels[place])
         self.octree_node_count = 0 if dag.empty else int(nodes[place])
 
@@ -56,7 +57,7 @@ class DagWalk:
         """
         codes, words = self._nodes_of(depth)
         for code, word in zip(codes, words, strict=True):
-            place = self._starts[depth] + (word >> np.uint32(MIRROR_BITS))
+            place = self._starts[depth] + (word >> np.uint32(TURN_BITS))
             out = np.empty(int(self._voxels[place]), np.uint64)
             expanded_codes(self._rows, self._starts, depth, int(word), code, out)
             yield out
@@ -68,12 +69,14 @@ class DagWalk:
         codes, words = np.zeros(1, np.uint64), np.array([self.dag.root], np.uint32)
         children = np.arange(8)
         for above in range(depth):
-            mirrors = words & np.uint32(7)
-            rows = self.dag.rows[above][words >> np.uint32(MIRROR_BITS)]
-            turned = np.take_along_axis(rows, children ^ mirrors[:, None].astype(np.int64), axis=1)
-            there = turned != NO_CHILD
+            turns = words & np.uint32(TURN_MASK)
+            rows = self.dag.rows[above][words >> np.uint32(TURN_BITS)]
+            seen = np.take_along_axis(rows, SLOT[turns].astype(np.int64), axis=1)
+            there = seen != NO_CHILD
+            own = COMPOSED[turns[:, None], np.where(there, seen & np.uint32(TURN_MASK), 0)]
             below = codes[:, None] << np.uint64(3) | children.astype(np.uint64)
-            codes, words = below[there], (turned ^ mirrors[:, None])[there]
+            words = (seen & ~np.uint32(TURN_MASK) | own.astype(np.uint32))[there]
+            codes = below[there]
         return codes, words
 
     def masks(self) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""Five encodings of one set of voxels (Jaspe 2018, 5.4.3 and tables 5.2 to 5.4).
+"""Encodings of one set of voxels: the five of Jaspe 2018 (5.4.3, tables 5.2 to 5.4), one more.
 
 =========  ==========================================================================
 svo        one byte per node of the octree, parents first; smallest for few voxels,
@@ -7,6 +7,8 @@ svdag      equal subtrees once, plain nodes of 32-bit words
 ussvdag    mirrored subtrees once, too; plain nodes, mirrors in the head's free bits
 esvdag     equal subtrees once, compact nodes and 4³ bricks
 ssvdag     mirrored subtrees once, too; compact nodes and 4³ bricks
+osvdag     subtrees once that any of the cube's 48 turns and mirrors makes equal; compact
+           nodes with near pointers, and bricks
 =========  ==========================================================================
 """
 
@@ -19,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
-from workbench.kernels.dag_rows import NO_CHILD
+from workbench.kernels.cube_turns import MIRRORS, TURNS
+from workbench.kernels.dag_rows import NO_CHILD, TURN_BITS, TURN_MASK
 from workbench.kernels.dag_words import (
     LONG_OFFSETS,
     bricks_of_rows,
@@ -28,13 +31,22 @@ from workbench.kernels.dag_words import (
     put_plain,
 )
 from workbench.voxels.dag_decoding import DagWalk
+from workbench.voxels.dag_near_encoding import near_arrays
 from workbench.voxels.voxel_dag import VoxelDag
 
-Encoding = Literal["svo", "svdag", "ussvdag", "esvdag", "ssvdag"]
+Encoding = Literal["svo", "svdag", "ussvdag", "esvdag", "ssvdag", "osvdag"]
 ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)
 PLAIN: tuple[Encoding, ...] = ("svdag", "ussvdag")
 COMPACT: tuple[Encoding, ...] = ("esvdag", "ssvdag")
-MIRRORED: tuple[Encoding, ...] = ("ussvdag", "ssvdag")
+# Which of the cube's turns (`workbench.kernels.cube_turns`) make equal subtrees one.
+TURNS_OF: dict[Encoding, int] = {
+    "svo": 1,
+    "svdag": 1,
+    "ussvdag": MIRRORS,
+    "esvdag": 1,
+    "ssvdag": MIRRORS,
+    "osvdag": TURNS,
+}
 
 
 @dataclass(frozen=True)
@@ -43,39 +55,43 @@ class EncodedGraph:
 
     Attributes
     ----------
-    encoding : which of the five.
+    encoding : which one.
     level : depth of the voxels; 2^level of them a side.
     voxels : how many are full.
-    root_mirror : three bits, the axes along which the root is mirrored.
+    root_turn : the turn through which the root is seen.
     starts : (level + 1,) uint64, where in ``nodes`` each depth begins, and the end; all zero
         but the end for an octree.
     nodes : (n,) uint8, uint32 or uint16: the octree's masks, plain or compact nodes. What the
         words mean is told in `workbench.kernels.dag_words`.
     bricks : (m,) uint64, the 4³ voxels of the compact encodings' last depth: bit
         8 c + g is voxel g of child c, both numbered x + 2y + 4z.
+    anchors : (k,) uint32, what near pointers of each 128 half-words are added to; empty but
+        for osvdag, see `workbench.kernels.dag_near_words`.
     """
 
     encoding: Encoding
     level: int
     voxels: int
-    root_mirror: int
+    root_turn: int
     starts: NDArray[np.uint64]
     nodes: NDArray[Any]
     bricks: NDArray[np.uint64]
+    anchors: NDArray[np.uint32]
 
     @property
     def nbytes(self) -> int:
-        """Bytes of nodes, bricks and the index of depths."""
-        return self.nodes.nbytes + self.bricks.nbytes + self.starts.nbytes
+        """Bytes of nodes, bricks, anchors and the index of depths."""
+        arrays = (self.nodes, self.bricks, self.anchors, self.starts)
+        return sum(array.nbytes for array in arrays)
 
 
 def encoded(dag: VoxelDag, encoding: Encoding) -> EncodedGraph:
-    """The graph in one of the five encodings.
+    """The graph in one of the encodings.
 
     Parameters
     ----------
     dag
-        Of equal subtrees for ``svo``, ``svdag`` and ``esvdag``, of mirrored ones for the others.
+        Reduced as the encoding asks for: `TURNS_OF` it, 1 for equal subtrees alone.
     encoding
         Which one.
 
@@ -91,7 +107,10 @@ def encoded(dag: VoxelDag, encoding: Encoding) -> EncodedGraph:
         return _graph(dag, encoding, starts, masks, np.empty(0, np.uint64))
     if encoding in PLAIN:
         return _plain(dag, encoding)
-    return _compact(dag, encoding)
+    if encoding in COMPACT:
+        return _compact(dag, encoding)
+    starts, nodes, anchors, bricks = near_arrays(dag)
+    return _graph(dag, encoding, starts, nodes, bricks, anchors)
 
 
 def _graph(
@@ -100,10 +119,13 @@ def _graph(
     starts: NDArray[np.uint64],
     nodes: NDArray[Any],
     bricks: NDArray[np.uint64],
+    anchors: NDArray[np.uint32] | None = None,
 ) -> EncodedGraph:
-    mirror = 0 if dag.empty or encoding == "svo" else dag.root & 7
+    turn = 0 if dag.empty or encoding == "svo" else dag.root & TURN_MASK
     voxels = DagWalk(dag).voxel_count
-    return EncodedGraph(encoding, dag.level, voxels, mirror, starts, nodes, bricks)
+    if anchors is None:
+        anchors = np.empty(0, np.uint32)
+    return EncodedGraph(encoding, dag.level, voxels, turn, starts, nodes, bricks, anchors)
 
 
 def _plain(dag: VoxelDag, encoding: Encoding) -> EncodedGraph:
@@ -155,7 +177,7 @@ def _most_referred_first(dag: VoxelDag, depth: int) -> NDArray[np.int64]:
     if depth == 0:
         return np.arange(count)
     words = dag.rows[depth - 1].ravel()
-    named = np.bincount(words[words != NO_CHILD] >> np.uint32(3), minlength=count)
+    named = np.bincount(words[words != NO_CHILD] >> np.uint32(TURN_BITS), minlength=count)
     return np.argsort(-named, kind="stable")
 
 

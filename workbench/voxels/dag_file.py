@@ -1,4 +1,4 @@
-"""Files of sparse voxel graphs: one header for all five encodings."""
+"""Files of sparse voxel graphs: one header for all encodings."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 from workbench.formats.whole_file import whole_file
+from workbench.kernels.dag_near_words import BLOCK_BITS
 from workbench.voxels.dag_colors import VoxelColors
-from workbench.voxels.dag_encoding import COMPACT, ENCODINGS, EncodedGraph, Encoding
+from workbench.voxels.dag_encoding import ENCODINGS, PLAIN, TURNS_OF, EncodedGraph, Encoding
 from workbench.voxels.voxel_dag import COARSEST_LEVEL, FINEST_LEVEL
 from workbench.voxels.voxel_set import VoxelGrid
 
@@ -53,9 +54,10 @@ def write_voxel_graph(path: Path, voxels: VoxelGraph) -> int:
     0       8 bytes     ``VOXGRAPH``
     8       uint32      version, 1
     12      uint32      CRC-32 of all that follows
-    16      uint8       encoding: 0 svo, 1 svdag, 2 ussvdag, 3 esvdag, 4 ssvdag
+    16      uint8       encoding: 0 svo, 1 svdag, 2 ussvdag, 3 esvdag, 4 ssvdag,
+                        5 osvdag
     17      uint8       level L; 2^L voxels a side
-    18      uint8       mirror of the root: bit 0 x, 1 y, 2 z
+    18      uint8       turn of the root: mirrors of bit 0 x, 1 y, 2 z; more for osvdag
     19      uint8       colours: 0 none, 1 three bytes each, 2 one byte and 3 two bytes
                         that are places in the palette
     20      uint32      colours in the palette
@@ -68,12 +70,13 @@ def write_voxel_graph(path: Path, voxels: VoxelGraph) -> int:
     …       uint64      bricks: 4³ voxels each, bit 8 c + g for voxel g of child c
     …       …           nodes: uint8 for svo, uint32 for svdag and ussvdag, uint16 for the
                         others; then zero bytes up to a multiple of eight
+    …       uint32      osvdag only: an anchor for every 128 numbers of nodes
     …       uint8       the palette, three bytes sRGB each
     …       …           colours, in the order of the voxels' Morton codes
     ======  ==========  =============================================================
 
     Children and voxels are numbered x + 2 y + 4 z everywhere. What the nodes mean is told in
-    `workbench.kernels.dag_words`.
+    `workbench.kernels.dag_words` and `workbench.kernels.dag_near_words`.
 
     Parameters
     ----------
@@ -97,7 +100,7 @@ def write_voxel_graph(path: Path, voxels: VoxelGraph) -> int:
     head = _HEAD.pack(
         ENCODINGS.index(graph.encoding),
         graph.level,
-        graph.root_mirror,
+        graph.root_turn,
         kind,
         len(palette),
         *(float(x) for x in grid.origin),
@@ -108,7 +111,7 @@ def write_voxel_graph(path: Path, voxels: VoxelGraph) -> int:
     )
     padding = bytes(-graph.nodes.nbytes % 8)
     parts = [head, *(_bytes_of(a) for a in (graph.starts, graph.bricks, graph.nodes))]
-    parts += [padding, _bytes_of(palette), _bytes_of(values)]
+    parts += [padding, *(_bytes_of(a) for a in (graph.anchors, palette, values))]
     check = 0
     for part in parts:
         check = zlib.crc32(part, check)
@@ -151,16 +154,20 @@ class _Sections:
 
     def voxel_graph(self) -> VoxelGraph:
         head = _HEAD.unpack_from(self._data, _CHECKED.size)
-        number, level, mirror, kind, palette_size = head[:5]
+        number, level, turn, kind, palette_size = head[:5]
         voxels, node_count, brick_count = head[9:]
-        known = number < len(ENCODINGS) and kind <= _SHORT_COLOR and mirror < 8
+        known = number < len(ENCODINGS) and kind <= _SHORT_COLOR
         if not known or not COARSEST_LEVEL <= level <= FINEST_LEVEL:
             raise _refused(self._path, "The header makes no sense.", f"{head[:5]}")
         encoding = ENCODINGS[number]
+        if turn >= TURNS_OF[encoding]:
+            raise _refused(self._path, "The header makes no sense.", f"turn {turn} of the root")
         starts = self._taken(np.uint64, level + 1)
         bricks = self._taken(np.uint64, brick_count)
         nodes = self._taken(_type_of_nodes(encoding), node_count)
         self._at += -nodes.nbytes % 8
+        blocks = node_count >> BLOCK_BITS if encoding == "osvdag" else 0
+        anchors = self._taken(np.uint32, blocks)
         ordered = bool((starts[1:] >= starts[:-1]).all()) and int(starts[-1]) == node_count
         if not ordered or (voxels and not node_count + brick_count):
             raise _refused(self._path, "The header makes no sense.", "depths out of order")
@@ -169,7 +176,7 @@ class _Sections:
             raise _refused(
                 self._path, "The file is too long.", f"{len(self._data) - self._at} bytes more"
             )
-        graph = EncodedGraph(encoding, level, voxels, mirror, starts, nodes, bricks)
+        graph = EncodedGraph(encoding, level, voxels, turn, starts, nodes, bricks, anchors)
         return VoxelGraph(graph, VoxelGrid(np.array(head[5:8]), head[8], level), colors)
 
     def _colors(self, kind: int, palette_size: int, voxels: int) -> VoxelColors | None:
@@ -196,7 +203,7 @@ class _Sections:
 def _type_of_nodes(encoding: Encoding) -> type[np.generic]:
     if encoding == "svo":
         return np.uint8
-    return np.uint16 if encoding in COMPACT else np.uint32
+    return np.uint32 if encoding in PLAIN else np.uint16
 
 
 def _bytes_of(values: NDArray[Any]) -> bytes:

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.kernels.dag_near_words import BLOCK_BITS, near_rows
 from workbench.kernels.dag_rows import NO_CHILD
 from workbench.kernels.dag_words import compact_rows, plain_rows, rows_of_bricks
 from workbench.voxels.dag_decoding import DagWalk, voxels_of_masks
-from workbench.voxels.dag_encoding import PLAIN, EncodedGraph
+from workbench.voxels.dag_encoding import COMPACT, PLAIN, EncodedGraph
 from workbench.voxels.dag_reduction import reduced_dag
 from workbench.voxels.voxel_dag import VoxelDag, checked_level
 
@@ -63,7 +64,11 @@ def _from_compact(graph: EncodedGraph) -> VoxelDag:
         words = graph.nodes[int(graph.starts[depth]) : int(graph.starts[depth + 1])]
         rows = np.empty((len(words), 8), np.uint32)
         own = np.full(len(words), NO_CHILD, np.uint32)
-        count = compact_rows(words, place_of, rows, own)
+        if graph.encoding in COMPACT:
+            count = compact_rows(words, place_of, rows, own)
+        else:
+            anchors = graph.anchors[int(graph.starts[depth]) >> BLOCK_BITS :]
+            count = near_rows(words, anchors, place_of, rows, own)
         if count < 0:
             raise _broken(f"a node of depth {depth} that points nowhere")
         levels.insert(0, rows[:count].copy())
@@ -74,7 +79,7 @@ def _from_compact(graph: EncodedGraph) -> VoxelDag:
 def _root(graph: EncodedGraph, roots: int) -> int:
     if roots > 1:
         raise _broken(f"{roots} roots")
-    return graph.root_mirror if roots else int(NO_CHILD)
+    return graph.root_turn if roots else int(NO_CHILD)
 
 
 def _broken(found: str) -> InputError:

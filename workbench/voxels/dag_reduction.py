@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.kernels.dag_rows import (
-    MIRROR_BITS,
     NO_CHILD,
+    TURN_BITS,
     enter_rows,
     fill_table,
     node_parents,
@@ -26,7 +26,7 @@ from workbench.kernels.dag_rows import (
 from workbench.voxels.voxel_dag import VoxelDag, checked_level
 
 _FIRST_ROOM = 1 << 10
-_MOST_NODES = 1 << 29
+_MOST_NODES = (1 << 26) - 1
 VOXELS_AT_ONCE = 1 << 24
 
 
@@ -186,7 +186,7 @@ def _bricks(
     count = parent_count(codes)
     parents, masks = np.empty(count, np.uint64), np.empty(count, np.uint8)
     voxel_parents(codes, parents, masks)
-    return _parents(parents, masks.astype(np.uint32) << np.uint32(MIRROR_BITS), distinct)
+    return _parents(parents, masks.astype(np.uint32) << np.uint32(TURN_BITS), distinct)
 
 
 def _parents(
@@ -195,7 +195,7 @@ def _parents(
     count = parent_count(codes)
     parents, rows = np.empty(count, np.uint64), np.empty((count, 8), np.uint32)
     node_parents(codes, words, parents, rows)
-    return parents, distinct.places_of(rows) << np.uint32(MIRROR_BITS)
+    return parents, distinct.places_of(rows) << np.uint32(TURN_BITS)
 
 
 def _raised(

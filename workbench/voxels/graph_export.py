@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from workbench.errors import WorkbenchError
 from workbench.voxels.dag_colors import packed_colors
 from workbench.voxels.dag_decoding import DagWalk
-from workbench.voxels.dag_encoding import ENCODINGS, MIRRORED, EncodedGraph, Encoding, encoded
+from workbench.voxels.dag_encoding import ENCODINGS, TURNS_OF, EncodedGraph, Encoding, encoded
 from workbench.voxels.dag_file import VoxelGraph, write_voxel_graph
 from workbench.voxels.dag_reading import dag_of
 from workbench.voxels.dag_reduction import VOXELS_AT_ONCE, reduced_parts, subtree_parts
@@ -92,7 +92,7 @@ def export_voxel_graph(
     path
         The file to write; `workbench.voxels.dag_file.SUFFIX` is its usual ending.
     encoding
-        One of the five.
+        Which one; ``osvdag`` is the smallest for large models.
     part_level
         No two parts have voxels in one aligned cube of 2^part_level voxels a side.
     compare
@@ -114,14 +114,13 @@ def export_voxel_graph(
     split = max(0, grid.level - max(2, min(part_level, 8)))
     watched = _Watched(parts, grid, split)
     dag = reduced_parts(watched.codes(), grid.level, split)
-    mirrored = symmetric_dag(dag) if compare or encoding in MIRRORED else dag
-    graph = encoded(mirrored if encoding in MIRRORED else dag, encoding)
+    reduced = reduced_for(dag, encoding)
+    graph = encoded(reduced, encoding)
     _prove_lossless(graph, watched, split)
     colors = watched.colors
     packed = None if colors is None else packed_colors(colors)
     file_bytes = write_voxel_graph(path, VoxelGraph(graph, grid, packed))
     octree_nodes = DagWalk(dag).octree_node_count
-    told = mirrored if encoding in MIRRORED else dag
     summary: dict[str, Any] = {
         "format": encoding,
         "resolution": grid.resolution,
@@ -130,23 +129,26 @@ def export_voxel_graph(
         "graph_bytes": graph.nbytes,
         "color_bytes": 0 if packed is None else packed.nbytes,
         "bits_per_voxel": _bits_per_voxel(graph),
-        "nodes": octree_nodes if encoding == "svo" else told.node_count,
+        "nodes": octree_nodes if encoding == "svo" else reduced.node_count,
         "octree_nodes": octree_nodes,
         "lossless": True,
     }
     if compare:
-        summary["encodings"] = [asdict(f) for f in encoding_figures(dag, mirrored)]
+        summary["encodings"] = [asdict(f) for f in encoding_figures(dag)]
     return summary
 
 
-def encoding_figures(dag: VoxelDag, mirrored: VoxelDag) -> list[EncodingFigures]:
-    """Tables 5.2 to 5.4 for one model: all five encodings of a graph of equal subtrees and its
-    mirrored one.
-    """
+def reduced_for(dag: VoxelDag, encoding: Encoding) -> VoxelDag:
+    """A graph of equal subtrees reduced as an encoding asks for."""
+    return dag if TURNS_OF[encoding] == 1 else symmetric_dag(dag, TURNS_OF[encoding])
+
+
+def encoding_figures(dag: VoxelDag) -> list[EncodingFigures]:
+    """Tables 5.2 to 5.4 for one model: all encodings of its graph of equal subtrees."""
     plain_bytes = encoded(dag, "svdag").nbytes
     figures = []
     for encoding in ENCODINGS:
-        source = mirrored if encoding in MIRRORED else dag
+        source = reduced_for(dag, encoding)
         graph = encoded(source, encoding)
         nodes = len(graph.nodes) if encoding == "svo" else source.node_count
         published = {m.name: m.bits_per_voxel(encoding, dag.level) for m in PUBLISHED}

@@ -30,6 +30,8 @@ class PublishedModel:
         if level not in _LEVELS:
             return None
         place = _LEVELS.index(level)
+        if encoding not in self.mebibytes:
+            return None
         bits = self.mebibytes[encoding][place] * _MEBIBYTE_BITS
         return bits / (1e6 * self.million_voxels[place])
 

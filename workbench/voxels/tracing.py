@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from workbench.kernels.dag_words import octree_words
 from workbench.kernels.voxel_tracing import beam_starts, trace_rays
-from workbench.voxels.dag_encoding import COMPACT, EncodedGraph
+from workbench.voxels.dag_encoding import PLAIN, EncodedGraph
 from workbench.voxels.dag_reading import dag_of
 from workbench.voxels.voxel_set import VoxelGrid
 
@@ -38,7 +38,7 @@ class CellHits:
 class VoxelTracer:
     """An encoded graph made ready for rays.
 
-    Plain and compact graphs are walked as they are, without decoding. An octree without
+    Graphs are walked as they are, without decoding. An octree without
     pointers cannot be entered in the middle: it is given plain nodes first, none shared.
 
     Parameters
@@ -56,25 +56,25 @@ class VoxelTracer:
         dag_of(graph)
         self.grid = grid
         self._empty = graph.voxels == 0
-        compact = graph.encoding in COMPACT
-        nodes = graph.nodes
+        nodes, compact = graph.nodes, graph.encoding not in ("svo", *PLAIN)
         if graph.encoding == "svo" and not self._empty:
             # One word for each node and one for each pointer, of which all nodes but one have one.
             words = np.empty(2 * len(nodes), np.uint32)
             nodes = words[: octree_words(nodes, graph.level, words)]
         self._arrays = (
-            np.empty(0, np.uint32) if compact else nodes.astype(np.uint32, copy=False),
+            np.empty(0, np.uint32) if compact else nodes,
             nodes if compact else np.empty(0, np.uint16),
             graph.bricks,
+            graph.anchors if graph.encoding == "osvdag" else None,
             compact,
             graph.starts.astype(np.int64),
-            graph.root_mirror,
+            graph.root_turn,
         )
 
     @property
     def nbytes(self) -> int:
         """Bytes that are walked through."""
-        return sum(array.nbytes for array in self._arrays[:3])
+        return sum(array.nbytes for array in self._arrays[:4] if array is not None)
 
     def first_met(
         self,

@@ -1,17 +1,14 @@
-"""Sparse voxel graphs in memory: levels of nodes whose children may be shared and mirrored."""
+"""Sparse voxel graphs in memory: levels of nodes whose children may be shared and turned."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
-from workbench.kernels.dag_rows import NO_CHILD
-
-Sharing = Literal["none", "equal", "mirrored"]
+from workbench.kernels.dag_rows import NO_CHILD, TURN_BITS
 
 # Morton codes of three axes in 64 bits; a graph ends in bricks of 4³ voxels.
 FINEST_LEVEL, COARSEST_LEVEL = 21, 2
@@ -22,11 +19,11 @@ class VoxelDag:
     """Which voxels of a cube of 2^level a side are full.
 
     A node at depth d stands for a cube of 2^(level − d) voxels a side. A *word* names a
-    child: its place among the nodes one depth down times eight, plus three bits that say
-    along which axes (x is bit 0) that node is mirrored to become the child; `NO_CHILD` is
-    empty. Children are numbered x + 2y + 4z, as in Morton codes. Nodes of depth
-    ``level − 2`` are 4³ bricks, and the place in *their* children's words is the child
-    itself: a mask of 2³ voxels.
+    child: its place among the nodes one depth down times 64, plus the turn of the cube
+    (`workbench.kernels.cube_turns`) that makes the child of that node: 0 … 7 mirror along the
+    axes of their bits, x is bit 0. `NO_CHILD` is empty. Children are numbered x + 2y + 4z, as
+    in Morton codes. Nodes of depth ``level − 2`` are 4³ bricks, and the place in *their*
+    children's words is the child itself: a mask of 2³ voxels.
 
     Attributes
     ----------
@@ -47,7 +44,7 @@ class VoxelDag:
     def leaf_masks(self) -> NDArray[np.uint8]:
         """The different 2³ masks in use, ascending."""
         words = self.rows[-1].ravel()
-        return np.unique(words[words != NO_CHILD] >> np.uint32(3)).astype(np.uint8)
+        return np.unique(words[words != NO_CHILD] >> np.uint32(TURN_BITS)).astype(np.uint8)
 
     @property
     def node_count(self) -> int:
