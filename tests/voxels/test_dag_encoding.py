@@ -1,4 +1,4 @@
-"""The five encodings: what their words mean, that nothing is lost, and what is refused."""
+"""The encodings: what their words mean, that nothing is lost, and what is refused."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hypothesis import given, settings
 
 from tests.voxels.voxel_grids import codes_of, grids
 from workbench.errors import InputError
-from workbench.kernels.dag_rows import NO_CHILD
 from workbench.kernels.dag_near_words import near_rows, put_near
+from workbench.kernels.dag_rows import NO_CHILD
 from workbench.kernels.dag_words import compact_rows, put_compact
 from workbench.voxels.dag_decoding import DagWalk
 from workbench.voxels.dag_encoding import COMPACT, ENCODINGS, encoded

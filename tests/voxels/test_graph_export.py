@@ -54,7 +54,7 @@ def test_parts_and_whole_give_the_same_file(tmp_path, ball):
     export_voxel_graph([voxelise(ball, grid)], grid, tmp_path / "whole")
     parts = list(voxel_parts(ball, grid, part_level=5))
     assert len(parts) > 10
-    export_voxel_graph(parts, grid, tmp_path / "parts", part_level=5)
+    export_voxel_graph(parts, grid, tmp_path / "parts", part_level=5, at_once=500)
     assert (tmp_path / "whole").read_bytes() == (tmp_path / "parts").read_bytes()
 
 

@@ -49,8 +49,10 @@ class EncodingFigures:
 class _Watched:
     """Parts of a voxel set on their way to be reduced; counts them and takes their colours."""
 
-    def __init__(self, parts: Iterable[VoxelSet], grid: VoxelGrid, split: int) -> None:
-        self._parts, self._grid, self._split = parts, grid, split
+    def __init__(
+        self, parts: Iterable[VoxelSet], grid: VoxelGrid, split: int, at_once: int
+    ) -> None:
+        self._parts, self._grid, self._split, self._at_once = parts, grid, split, at_once
         self._colors: list[NDArray[np.uint8]] = []
         self.voxels, self.check = 0, 0
 
@@ -60,7 +62,7 @@ class _Watched:
             self.check = _checked(part.codes, self.check)
             if part.color is not None:
                 self._colors.append(part.color)
-            yield from subtree_parts(part.codes, self._grid.level, self._split, VOXELS_AT_ONCE)
+            yield from subtree_parts(part.codes, self._grid.level, self._split, self._at_once)
 
     @property
     def colors(self) -> NDArray[np.uint8] | None:
@@ -77,6 +79,7 @@ def export_voxel_graph(
     *,
     encoding: Encoding = "ssvdag",
     part_level: int = 8,
+    at_once: int = VOXELS_AT_ONCE,
     compare: bool = False,
 ) -> dict[str, Any]:
     """Reduce voxels to a graph, write its file, and read the voxels back from it to be sure.
@@ -95,6 +98,9 @@ def export_voxel_graph(
         Which one; ``osvdag`` is the smallest for large models.
     part_level
         No two parts have voxels in one aligned cube of 2^part_level voxels a side.
+    at_once
+        Voxels that are reduced at a time, as far as subtrees of 256³ allow: 10 to 100 bytes each
+        beside the graph itself. The file does not depend on it.
     compare
         Also try the other encodings and tell their figures under ``encodings``.
 
@@ -112,7 +118,7 @@ def export_voxel_graph(
         The file does not give back the voxels; it is not written then.
     """
     split = max(0, grid.level - max(2, min(part_level, 8)))
-    watched = _Watched(parts, grid, split)
+    watched = _Watched(parts, grid, split, at_once)
     dag = reduced_parts(watched.codes(), grid.level, split)
     reduced = reduced_for(dag, encoding)
     graph = encoded(reduced, encoding)
