@@ -7,8 +7,8 @@ on, labels the depth meshes of the others anew and renders the views of those le
 with every pixel's own choice among equals in rank, with a chance choice, from the z-buffer, by
 overwriting, from one labelled mesh of as many triangles as all foregrounds have, and blended.
 ``--disturb`` turns every camera by a tenth of a degree and changes every exposure by up to 0.3
-stops first. Prints the table (PSNR, SSIM, sharpness as share of the photograph's, steps of colour
-across labels before and after levelling, share of pixels at borders of labels, mean penalty), then
+stops first. Only pixels count that every way colours from a photograph. Prints the table (PSNR,
+SSIM, sharpness as share of the photograph's, steps of colour across labels before and after levelling, share of pixels at borders of labels, mean penalty), then
 settings of the vote and of levelling against run time. Writes ``stitching.csv``,
 ``stitching_vote.svg``, ``stitching_levelling.svg`` and, where an SVG renderer is at hand, ``.png``,
 and ``view_METHOD.png`` of the first view to OUT. Times are of one thread, pictures in memory.
@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 
 from tests.benchmarks.bench_labelling import Scene, depth_maps, scene_of
 from tests.benchmarks.drawing import draw_tradeoff
-from workbench.geometry.labelled_mesh import LabelledMesh
+from workbench.geometry.labelled_mesh import NO_PHOTO, LabelledMesh
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.transforms import from_twist
 from workbench.project.project import Project
@@ -204,17 +204,20 @@ def measured(held: Held, view: int, out: Path | None) -> dict[str, tuple[float, 
     truth = picture[..., :3].astype(np.float32) / 255.0
     ways = drawn(held, view)
     mask = picture[..., 3] > 0
-    for _, shown, _ in ways.values():
-        mask &= shown.seen
-    own_sharpness = sharpness(truth, mask)
-    found = {}
+    made, times = {}, {}
     for name, (scene, shown, seconds) in ways.items():
         start = perf_counter()
-        made = colored_view(scene, shown, cameras, held.pictures)
-        seconds += perf_counter() - start
-        found[name] = (*_of(made, scene, truth, mask, own_sharpness), seconds)
+        made[name] = colored_view(scene, shown, cameras, held.pictures)
+        times[name] = seconds + perf_counter() - start
+        # Stand-ins for photographs are not what is compared.
+        mask &= made[name].textured.label != NO_PHOTO
+    own_sharpness = sharpness(truth, mask)
+    found = {}
+    for name, view_made in made.items():
+        numbers = _of(view_made, ways[name][0], truth, mask, own_sharpness)
+        found[name] = (*numbers, times[name])
         if out:
-            _write(out / f"view_{name.replace(' ', '_')}.png", made.color)
+            _write(out / f"view_{name.replace(' ', '_')}.png", view_made.color)
     start = perf_counter()
     depths = {k: photo_depth(held.stitch, cameras[k]) for k in held.own}
     color = blended(

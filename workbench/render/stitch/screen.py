@@ -79,7 +79,7 @@ class Screen:
 
     def slopes(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.float64]:
         """(p, 2) right and down per forward of the rays through the middles of some pixels."""
-        pixels = np.column_stack([columns, rows]) + 0.5
+        pixels = np.column_stack([columns, rows]).astype(np.float64) + 0.5
         if self._pinhole:
             return np.asarray((pixels - self._middle) / self._focal)
         ways = rotate(self.camera.camera_from_world, self.camera.directions(pixels))
