@@ -9,7 +9,8 @@ overwriting, from one labelled mesh of as many triangles as all foregrounds have
 ``--disturb`` turns every camera by a tenth of a degree and changes every exposure by up to 0.3
 stops first. Only pixels count that every way colours from a photograph. Prints the table (PSNR,
 SSIM, sharpness as share of the photograph's, steps of colour across labels before and after
-levelling, share of pixels at borders of labels, mean penalty), then settings of the vote and of levelling against run time. Writes ``stitching.csv``,
+levelling, share of pixels at borders of labels, mean penalty), then settings of
+the vote and of levelling against run time. Writes ``stitching.csv``,
 ``stitching_vote.svg``, ``stitching_levelling.svg`` and, where an SVG renderer is at hand, ``.png``,
 and ``view_METHOD.png`` of the first view to OUT. Times are of one thread, pictures in memory.
 """
