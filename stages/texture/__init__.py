@@ -76,7 +76,12 @@ def run(job: Job[TextureOptions]) -> StageResult:
         metrics += textured_surface(job, photos.told, photos.names, _costs(options, far))
     products.save(
         "texturing",
-        {"photographs": list(photos.names), "held_out": list(photos.held), "far_m": far},
+        {
+            "photographs": list(photos.names),
+            "held_out": list(photos.held),
+            "far_m": far,
+            "image_px": options.image_px,
+        },
     )
     return StageResult(tuple(metrics))
 

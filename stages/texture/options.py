@@ -52,7 +52,7 @@ class TextureOptions(StageOptions):
         "there, for rooms); twice the photographs' median distance where nothing is said.",
     )
     edge_samples: int = Field(
-        4, ge=1, le=64, description="Places along each edge where photographs are compared, eq. 5."
+        2, ge=1, le=64, description="Places along each edge where photographs are compared, eq. 5."
     )
     most_candidates: int = Field(
         0,
@@ -64,7 +64,7 @@ class TextureOptions(StageOptions):
         2, ge=0, le=100, description="Cycles of α-expansion at most (Arikan et al., table 2: 2)."
     )
     bound_sweeps: int = Field(
-        10,
+        3,
         ge=0,
         le=10_000,
         description="Sweeps for the lower bound of the energy, which says how far from the best "

@@ -15,6 +15,7 @@ from stages.verify.color import color_chapter
 from stages.verify.development import development_chapter
 from stages.verify.masks import masks_chapter
 from stages.verify.orientation import orientation_chapter
+from stages.verify.texturing import texture_chapter
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh, edge_census
 from workbench.geometry.transforms import Matrix4, apply, rigid
@@ -96,6 +97,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     metrics += found
     colors, found = _colors(job, surface, known)
     metrics += found
+    texture, found = texture_chapter(products, surface, known.model_from_world is not None)
+    metrics += found
     warnings += unread
     with job.progress.step("pictures and plots"):
         content = build_scan_report(
@@ -114,6 +117,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *masks,
                 *cameras,
                 *colors,
+                *texture,
                 *photographs,
             ),
             citations=_CITATIONS,
@@ -345,6 +349,11 @@ VERIFY = Stage[Any](
         "photo_lighting",
         "flash",
         "surface_color",
+        "texturing",
+        "texture_photos",
+        "depth_maps",
+        "depth_meshes",
+        "labelled_surface",
         "range_maps",
         "corrected_masks",
         "automatic_scan_masks",

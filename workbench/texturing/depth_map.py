@@ -78,13 +78,34 @@ class DepthMap:
         """(h − 1, w − 1) codes of the squares between pixels, of `kernels.depth_cells`."""
         return np.asarray(depth_cells(self.nearness, *self.joints))
 
-    def places(self, which: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(n, 3) in the world what is seen at pixels (n,), numbered row by row."""
+    @cached_property
+    def fitted(self) -> NDArray[np.float64]:
+        """(h, w) depths of vertices whose triangles lie nearest to what is seen between them.
+
+        Triangles between places of a surface lie on its hollow side throughout: on average by a
+        twelfth of the second difference, each way. Vertices moved by that much leave two fifths
+        of the error.
+        """
+        right, down = self.joints
+        near = self.nearness
+        bent = np.zeros_like(near)
+        across = right[:, 1:] & right[:, :-1]
+        along = down[1:] & down[:-1]
+        bent[:, 1:-1] += np.where(across, near[:, 2:] + near[:, :-2] - 2.0 * near[:, 1:-1], 0.0)
+        bent[1:-1] += np.where(along, near[2:] + near[:-2] - 2.0 * near[1:-1], 0.0)
+        fitted = near - bent / 12.0
+        seen = near > 0.0
+        return np.where(seen, 1.0 / np.where(seen, fitted, 1.0), np.inf)
+
+    def places(
+        self, which: NDArray[np.int64], depth: NDArray[np.floating] | None = None
+    ) -> NDArray[np.float64]:
+        """(n, 3) in the world at pixels (n,), numbered row by row, at the depth seen or another."""
         row, column = np.divmod(which, self.camera.width)
         ways = self.camera.directions(np.column_stack([column, row]) + 0.5)
         forward = ways @ self.camera.camera_from_world[2, :3]
-        depth = self.depth.ravel()[which].astype(np.float64)
-        return np.asarray(self.camera.center + ways * (depth / forward)[:, None])
+        at = (self.depth if depth is None else depth).ravel()[which].astype(np.float64)
+        return np.asarray(self.camera.center + ways * (at / forward)[:, None])
 
     def shows(self, points_in_world: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) whether points (n, 3) lie on the depth mesh, where the photograph can be used."""

@@ -54,7 +54,7 @@ def depth_mesh(depth_map: DepthMap) -> DepthMesh:
     pixels = np.unique(corners)
     number = np.full(depth_map.depth.size, -1, np.int32)
     number[pixels] = np.arange(len(pixels), dtype=np.int32)
-    mesh = TriangleMesh(depth_map.places(pixels), number[corners].reshape(-1, 3))
+    mesh = TriangleMesh(depth_map.places(pixels, depth_map.fitted), number[corners].reshape(-1, 3))
     return DepthMesh(mesh, pixels, _outer(depth_map, row, column, lower))
 
 

@@ -1,0 +1,168 @@
+"""What is to be said of texturing, gathered from the project."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workbench.geometry.labelled_mesh import LabelledMesh
+from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.photo_camera import PhotoCamera
+from workbench.metrics import Metric
+from workbench.pipeline.depth_scene import DepthScene, depth_scene
+from workbench.pipeline.photo_surface import told_camera
+from workbench.pipeline.stage import Products
+
+if TYPE_CHECKING:
+    from workbench.verification.report_content import Section
+    from workbench.verification.texture_views import HeldOutView
+
+_CACHE_BYTES = 2 << 30
+_GREY = 128
+# With fewer triangles a reconstruction shows nothing.
+_LEAST_TRIANGLES = 2000
+_FULL, _WHOLLY = 65535, 255
+
+
+def texture_chapter(
+    products: Products, surface: TriangleMesh, simulated: bool
+) -> tuple[tuple[Section, ...], list[Metric]]:
+    """The section on texturing, where photographs texture the surface.
+
+    Parameters
+    ----------
+    simulated : whether pictures of the true albedo are what renderings are compared with,
+        instead of the photographs held out.
+    """
+    from workbench.verification.texture_sections import texture_section
+    from workbench.verification.texture_views import view_metrics
+
+    told = products.load_if_there("texturing")
+    if told is None:
+        return (), []
+    record = products.load("records", "texture")
+    views: list[HeldOutView] = []
+    foreground = 0
+    if told["held_out"] and products.items("depth_meshes"):
+        colored = surface.with_attributes(color=_colors(products, surface))
+        scene = depth_scene(products, colored)
+        foreground = scene.foreground
+        singles = _single_meshes(products, scene, colored, told["far_m"], record["options"])
+        views = _views(products, scene, singles, told, simulated)
+    return (texture_section(record, views, foreground),), view_metrics(views)
+
+
+def _views(
+    products: Products,
+    scene: DepthScene,
+    singles: dict[str, LabelledMesh],
+    told: dict[str, Any],
+    simulated: bool,
+) -> list[HeldOutView]:
+    from workbench.texturing.picture_cache import PictureCache
+    from workbench.verification.texture_views import held_out_view
+
+    cache = PictureCache(scene.picture, _CACHE_BYTES)
+    poses = products.load("photo_poses")["photos"]
+    views = []
+    for name in told["held_out"]:
+        camera = told_camera(poses[name], told["image_px"])
+        truth, known, words = _truth(products, name, camera, simulated)
+        view = held_out_view(
+            name, camera, truth, known, words, scene.meshes, singles, scene.cameras, cache.get
+        )
+        views += [view] if view is not None else []
+    return views
+
+
+def _truth(
+    products: Products, name: str, camera: PhotoCamera, simulated: bool
+) -> tuple[NDArray[np.float32], NDArray[np.bool_], str]:
+    """What a photograph should show, sRGB-encoded in [0, 1], where that is known, and its name."""
+    import cv2
+
+    from workbench.formats.gltf import srgb_from_linear
+
+    if simulated and name in products.items("truth_albedo"):
+        size = (camera.width, camera.height)
+        stored, mask = (
+            np.asarray(cv2.imread(str(products.load(kind, name)), cv2.IMREAD_UNCHANGED))
+            for kind in ("truth_albedo", "truth_object")
+        )
+        linear = np.asarray(cv2.resize(stored, size, interpolation=cv2.INTER_AREA))[..., ::-1]
+        whole = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_AREA))
+        truth = srgb_from_linear(linear / np.float32(_FULL)).astype(np.float32) / np.float32(255.0)
+        return truth, np.asarray(whole == _WHOLLY), "the true albedo"
+    picture = products.load("texture_photos", name)
+    truth = picture[..., :3].astype(np.float32) / np.float32(255.0)
+    return truth, picture[..., 3] > 0, "what it shows itself, free of its flash"
+
+
+def _colors(products: Products, surface: TriangleMesh) -> NDArray[np.uint8]:
+    from workbench.color.blending_display import encoded_srgb
+
+    colors = np.full((len(surface.vertices), 3), _GREY, np.uint8)
+    told = products.load_if_there("surface_color")
+    if told is not None:
+        known = np.isfinite(told["color"]).all(axis=1)
+        colors[known] = encoded_srgb(told["color"][known], told["space"].item())
+    return colors
+
+
+def _single_meshes(
+    products: Products,
+    scene: DepthScene,
+    colored: TriangleMesh,
+    far: float,
+    options: dict[str, Any],
+) -> dict[str, LabelledMesh]:
+    """One mesh with as many triangles as the depth meshes have in the foreground, made two ways.
+
+    Parameters
+    ----------
+    colored : the model with the colours of its vertices.
+    """
+    from workbench.geometry.simplification import simplified
+    from workbench.texturing.cost_options import CostOptions
+    from workbench.texturing.picture_cache import PictureCache
+    from workbench.texturing.single_mesh import labelled_surface
+
+    costs = CostOptions(
+        far,
+        options["smoothness"],
+        options["distance_weight"],
+        options["orientation_weight"],
+        options["edge_samples"],
+        options["most_candidates"],
+    )
+    meshes = {"simplified": simplified(colored, scene.foreground)}
+    samples = products.load_if_there("samples")
+    if samples is not None and scene.foreground > _LEAST_TRIANGLES:
+        meshes["reconstructed"] = _reconstructed(samples, colored, scene.foreground)
+    cache = PictureCache(scene.picture, _CACHE_BYTES)
+    cameras = dict(enumerate(scene.cameras))
+    return {
+        way: labelled_surface(mesh, cameras, cache.get, costs, max_cycles=options["cycles"])[0]
+        for way, mesh in meshes.items()
+    }
+
+
+def _reconstructed(
+    samples: dict[str, NDArray[Any]], colored: TriangleMesh, triangles: int
+) -> TriangleMesh:
+    """A screened Poisson surface with about so many triangles, as Arikan et al., table 2."""
+    from scipy.spatial import cKDTree
+
+    from workbench.surface.poisson import CUBE_SCALE, PoissonSettings, reconstruct
+
+    points, normals = samples["points"], samples["normals"]
+    depth = int(np.ceil(0.5 * np.log2(triangles)))
+    found = reconstruct(points, normals, PoissonSettings(depth=depth))
+    # Triangles grow with the square of the cells' number along a side.
+    scale = CUBE_SCALE * float(np.sqrt(len(found.triangles) / triangles))
+    if scale > CUBE_SCALE:
+        found = reconstruct(points, normals, PoissonSettings(depth=depth, cube_scale=scale))
+    nearest = cKDTree(colored.vertices).query(found.vertices)[1]
+    return found.with_attributes(color=colored.vertex_attributes["color"][nearest])
