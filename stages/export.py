@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +16,7 @@ from pydantic import Field
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
 from workbench.metrics import Metric
-from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
+from workbench.pipeline.stage import Estimate, Job, Need, Products, Stage, StageResult
 from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
 
@@ -24,10 +27,22 @@ class ExportOptions(StageOptions):
     ply: bool = Field(True, description="Write exports/surface.ply with every attribute.")
     obj: bool = Field(True, description="Write exports/surface.obj.")
     glb: bool = Field(True, description="Write exports/surface.glb.")
+    textured_glb: bool = Field(
+        True, description="Write exports/textured.glb, where photographs texture the surface."
+    )
+    textured_obj: bool = Field(
+        True, description="Write exports/textured/textured.obj with its materials and pictures."
+    )
+    pictures: Literal["jpeg", "png"] = Field(
+        "jpeg", description="Pictures inside textured.glb; those of the OBJ are PNG, without loss."
+    )
+    picture_quality: int = Field(95, ge=1, le=100, description="Quality of JPEG.")
 
 
 def needed(scene: Scene, options: ExportOptions) -> Need:
-    if not (options.ply or options.obj or options.glb):
+    if not (
+        options.ply or options.obj or options.glb or options.textured_glb or options.textured_obj
+    ):
         return Need(False, "no format asked for")
     if scene.scans or scene.geometry:
         return Need(True, "a surface to hand on")
@@ -63,12 +78,65 @@ def run(job: Job[ExportOptions]) -> StageResult:
         if options.glb:
             with products.writing("surface_glb") as path:
                 write_surface_glb(path, mesh, world_from_local_origin=tuple(origin))
+    formats = options.ply + options.obj + options.glb + _textured(job, mesh, origin)
     return StageResult(
         (
-            Metric("formats", options.ply + options.obj + options.glb, "", "Files written."),
+            Metric("formats", formats, "", "Files written."),
             Metric("triangles", len(mesh.triangles), "", "Triangles in each."),
         )
     )
+
+
+def _textured(job: Job[ExportOptions], mesh: TriangleMesh, origin: NDArray[np.float64]) -> int:
+    """Write the textured surface where there is one; how many formats.
+
+    Parameters
+    ----------
+    mesh : the surface, as the textured one was cut from it.
+    origin : (3,) of the project, in the user's coordinates.
+    """
+    from workbench.formats.textured_gltf import write_textured_glb
+    from workbench.formats.textured_obj import write_textured_obj
+    from workbench.geometry.textured_mesh import TexturedMesh
+
+    products, options = job.products, job.options
+    atlas = products.load_if_there("texture_atlas")
+    wanted = options.textured_glb or options.textured_obj
+    if atlas is None or not wanted:
+        products.remove_items_except("textured_pages", set())
+        return 0
+    pages = [products.load("texture_pages", item) for item in products.items("texture_pages")]
+    pictures = tuple(np.ascontiguousarray(page[..., :3]) for page in pages)
+    made = TriangleMesh.from_arrays(atlas)
+    textured = TexturedMesh(made, atlas["texture_places"], atlas["pages"], pictures)
+    with job.progress.step("writing the textured surface"):
+        if options.textured_glb:
+            with products.writing("textured_glb") as path:
+                write_textured_glb(
+                    path, textured, origin, pictures=options.pictures,
+                    quality=options.picture_quality,
+                )  # fmt: skip
+        if options.textured_obj:
+            moved = replace(textured, mesh=replace(made, vertices=made.vertices + origin))
+            with TemporaryDirectory() as folder:
+                # The files name each other: they are written under their own names.
+                files = write_textured_obj(Path(folder) / "textured.obj", moved)
+                _keep(products, files)
+    if not options.textured_obj:
+        products.remove_items_except("textured_pages", set())
+    return options.textured_glb + options.textured_obj
+
+
+def _keep(products: Products, files: Sequence[Path]) -> None:
+    """Bring an OBJ (first) and what it names into the project, the OBJ last."""
+    pages = set()
+    for file in reversed(files):
+        name = {".obj": "textured_obj", ".mtl": "textured_mtl"}.get(file.suffix, "textured_pages")
+        item = file.stem if name == "textured_pages" else None
+        pages |= {item} if item is not None else set()
+        with products.writing(name, item) as path:
+            copyfile(file, path)
+    products.remove_items_except("textured_pages", pages)
 
 
 def _with_color(mesh: TriangleMesh, told: Mapping[str, NDArray[Any]] | None) -> TriangleMesh:
@@ -109,13 +177,19 @@ def _geometry(job: Job[ExportOptions]) -> Any:
 
 EXPORT = Stage(
     name="export",
-    version=2,
-    summary="PLY, OBJ and GLB with normals, colour and provenance, in the user's coordinates.",
+    version=3,
+    summary="PLY, OBJ and GLB with normals, colour, provenance or texture, in your coordinates.",
     options=ExportOptions,
-    reads=("surface", "surface_color", "scan_inventory", "geometry_file"),
-    writes=("surface_ply", "surface_obj", "surface_glb"),
+    reads=(
+        *("surface", "surface_color", "scan_inventory", "geometry_file"),
+        *("texture_atlas", "texture_pages"),
+    ),
+    writes=(
+        *("surface_ply", "surface_obj", "surface_glb"),
+        *("textured_glb", "textured_obj", "textured_mtl", "textured_pages"),
+    ),
     needed=needed,
     run=run,
-    libraries=("numpy", "colour-science"),
+    libraries=("numpy", "colour-science", "opencv-contrib-python-headless"),
     estimate=estimate,
 )

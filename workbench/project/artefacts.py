@@ -157,6 +157,8 @@ _TABLE = (
     Artefact("texture_pages", "work/texture/pages/{item}.png", "picture", "the atlas"),
     Artefact("textured_glb", "exports/textured.glb", "file", "the textured surface for the web"),
     Artefact("textured_obj", "exports/textured/textured.obj", "file", "for general tools"),
+    Artefact("textured_mtl", "exports/textured/textured.mtl", "file", "its materials"),
+    Artefact("textured_pages", "exports/textured/{item}.png", "file", "its pictures"),
     Artefact("surface_ply", "exports/surface.ply", "file", "the surface with all attributes"),
     Artefact("surface_obj", "exports/surface.obj", "file", "the surface for general tools"),
     Artefact("surface_glb", "exports/surface.glb", "file", "the surface for the web"),
