@@ -14,6 +14,8 @@ from workbench.texturing.seam_levelling import levelled
 from workbench.texturing.seams import color_step, colors_along, seams_of
 
 SHARES = np.linspace(0.0, 1.0, 5)
+# So faint that known answers are met to a thousandth.
+FAINT = 1e-5
 CAMERA = camera_at((0, -4, 0), size=(120, 120), focal=200.0, bend=0.0)
 SHEET = sheet((-1, 0, -1), (2, 0, 0), (0, 0, 2), 6)
 
@@ -47,28 +49,28 @@ def steps_left(found, seams, colors) -> np.ndarray:
 
 
 def test_a_constant_step_is_shared_by_area_and_the_mean_stays():
-    # Left third 90, the rest 120: by area, offsets of 30 · 2/3 and −30 · 1/3.
+    # Left third 90, the rest 117: by area, offsets of 27 · 2/3 and −27 · 1/3.
     labels = (x_of(SHEET) > -1 / 3).astype(int)
     labelled, patches, seams = case(labels)
-    pictures = [plain_picture((90, 100, 110)), plain_picture((120, 100, 101))]
+    pictures = [plain_picture((90, 100, 110)), plain_picture((117, 100, 101))]
     colors = colors_along(seams, labelled, patches, pictures.__getitem__, SHARES)
-    assert color_step(colors, seams.lengths).mean == pytest.approx(np.sqrt((900 + 81) / 3))
-    found = levelled(labelled, patches, seams, colors, SHARES)
+    assert color_step(colors, seams.lengths).mean == pytest.approx(np.sqrt((729 + 81) / 3))
+    found = levelled(labelled, patches, seams, colors, SHARES, anchor=FAINT)
     by_triangle = np.empty((len(labels), 3, 3))
     by_triangle[patches.triangles] = found.offsets
-    np.testing.assert_allclose(by_triangle[labels == 0], [[[20, 0, -6]] * 3] * 24, atol=1e-4)
-    np.testing.assert_allclose(by_triangle[labels == 1], [[[-10, 0, 3]] * 3] * 48, atol=1e-4)
+    np.testing.assert_allclose(by_triangle[labels == 0], [[[18, 0, -6]] * 3] * 24, atol=1e-4)
+    np.testing.assert_allclose(by_triangle[labels == 1], [[[-9, 0, 3]] * 3] * 48, atol=1e-4)
     np.testing.assert_allclose(found.mean_shift, 0.0, atol=1e-5)
-    assert found.shifts[0] == pytest.approx((20, 0, -6), abs=1e-4)
-    assert found.shifts[1] == pytest.approx((-10, 0, 3), abs=1e-4)
-    square = (400 + 36) / 3 / 3 + 2 * (100 + 9) / 3 / 3
+    assert found.shifts[0] == pytest.approx((18, 0, -6), abs=1e-4)
+    assert found.shifts[1] == pytest.approx((-9, 0, 3), abs=1e-4)
+    square = (324 + 36) / 3 / 3 + 2 * (81 + 9) / 3 / 3
     assert found.rms_shift == pytest.approx(np.sqrt(square), rel=1e-5)
-    assert found.greatest_shift == pytest.approx(20, abs=1e-4)
+    assert found.greatest_shift == pytest.approx(18, abs=1e-4)
     assert found.skewed_share == pytest.approx(1 / 3, abs=1e-6)
 
 
-def dense(labelled, patches, seams, colors, stiffness) -> np.ndarray:
-    """(m, 3, 3) offsets of least norm of the same equations, one row each, by their SVD."""
+def dense(labelled, patches, seams, colors, stiffness, anchor) -> np.ndarray:
+    """(m, 3, 3) offsets by the same equations, one row each, by their SVD."""
     corners = labelled.mesh.triangles[patches.triangles]
     labels = labelled.labels[patches.triangles]
     keys = sorted({(int(v), int(k)) for t, k in zip(corners, labels, strict=True) for v in t})
@@ -83,6 +85,13 @@ def dense(labelled, patches, seams, colors, stiffness) -> np.ndarray:
         row = np.zeros(len(keys))
         row[number[a, label]], row[number[b, label]] = 1, -1
         rows.append(np.sqrt(stiffness) * row)
+        right.append(np.zeros(3))
+    # All triangles of the sheet are equally large: a third of one for every corner.
+    for v, label in keys:
+        row = np.zeros(len(keys))
+        row[number[v, label]] = 1
+        corners_there = ((corners == v) & (labels == label)[:, None]).sum()
+        rows.append(np.sqrt(anchor * stiffness * corners_there / corners.size) * row)
         right.append(np.zeros(3))
     for e, (one, other) in enumerate(labels[seams.rows]):
         a, b = seams.ends[e]
@@ -99,15 +108,14 @@ def dense(labelled, patches, seams, colors, stiffness) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("stiffness", [0.02, 0.1, 3.0])
-def test_offsets_are_those_of_the_dense_least_squares(stiffness):
+@pytest.mark.parametrize(("stiffness", "anchor"), [(0.02, 20.0), (0.1, 1e-3), (3.0, 300.0)])
+def test_offsets_are_those_of_the_dense_least_squares(stiffness, anchor):
     labels = np.random.default_rng(3).integers(0, 3, len(SHEET.triangles))
     labelled, patches, seams = case(labels)
     colors = np.random.default_rng(4).uniform(0, 255, (seams.count, 2, 5, 3)).astype(np.float32)
-    found = levelled(labelled, patches, seams, colors, SHARES, stiffness)
-    expected = dense(labelled, patches, seams, colors, stiffness)
-    # All triangles are equally large: by area and by corner, the mean is the same.
-    expected -= expected.mean(axis=(0, 1))
+    found = levelled(labelled, patches, seams, colors, SHARES, stiffness, anchor)
+    expected = dense(labelled, patches, seams, colors, stiffness, anchor)
+    np.testing.assert_allclose(expected.mean(axis=(0, 1)), 0.0, atol=1e-3)
     np.testing.assert_allclose(found.offsets, expected, atol=1e-3)
 
 
@@ -120,7 +128,7 @@ def test_a_smooth_difference_of_brightness_vanishes_from_the_seam():
     pictures = [plain_picture((130, 130, 130)), fading]
     colors = colors_along(seams, labelled, patches, pictures.__getitem__, SHARES)
     before = color_step(colors, seams.lengths)
-    found = levelled(labelled, patches, seams, colors, SHARES)
+    found = levelled(labelled, patches, seams, colors, SHARES, anchor=FAINT)
     after = color_step(steps_left(found, seams, colors), seams.lengths)
     assert before.mean > 10
     assert after.mean < 0.15 * before.mean
@@ -143,7 +151,7 @@ def test_one_photograph_is_not_touched_and_parts_are_levelled_by_themselves():
     seams = seams_of(labelled, patches)
     pictures = [np.full((120, 160, 4), value, np.uint8) for value in (100, 110, 200, 240)]
     colors = colors_along(seams, labelled, patches, pictures.__getitem__, SHARES)
-    found = levelled(labelled, patches, seams, colors, SHARES)
+    found = levelled(labelled, patches, seams, colors, SHARES, anchor=FAINT)
     expected = {0: 5.0, 1: -5.0, 2: 20.0, 3: -20.0}
     for label, shift in found.shifts.items():
         assert shift == pytest.approx((expected[label],) * 3, abs=1e-3)
@@ -156,7 +164,7 @@ def test_every_triangle_its_own_photograph():
     level = np.random.default_rng(5).uniform(50, 200, m).astype(np.float32)
     own = level[patches.triangles[seams.rows]]
     colors = np.broadcast_to(own[:, :, None, None], (seams.count, 2, 5, 3)).copy()
-    found = levelled(labelled, patches, seams, colors, SHARES)
+    found = levelled(labelled, patches, seams, colors, SHARES, anchor=FAINT)
     assert np.isfinite(found.offsets).all()
     assert color_step(steps_left(found, seams, colors), seams.lengths).mean < 1e-3
     moved = level[patches.triangles][:, None, None] + found.offsets
@@ -169,7 +177,7 @@ def test_what_no_photograph_shows_follows_and_does_not_pull():
     labelled, patches, seams = case(labels)
     pictures = [plain_picture(100), plain_picture(120)]
     colors = colors_along(seams, labelled, patches, pictures.__getitem__, SHARES)
-    found = levelled(labelled, patches, seams, colors, SHARES)
+    found = levelled(labelled, patches, seams, colors, SHARES, anchor=FAINT)
     assert found.shifts == {
         0: pytest.approx((10,) * 3, abs=1e-3), 1: pytest.approx((-10,) * 3, abs=1e-3),
     }  # fmt: skip
@@ -187,12 +195,12 @@ def test_triangles_without_area_and_broken_colours():
     labelled, patches, seams = case(labels, mesh)
     colors = np.zeros((seams.count, 2, 5, 3), np.float32)
     colors[:, 1] = 40
-    found = levelled(labelled, patches, seams, colors, SHARES)
+    found = levelled(labelled, patches, seams, colors, SHARES, anchor=FAINT)
     assert np.isfinite(found.offsets).all()
     assert color_step(steps_left(found, seams, colors), seams.lengths).mean < 1e-3
     colors[3, 0, 0, 0] = np.nan
     with pytest.raises(InputError, match="cannot be levelled"):
-        levelled(labelled, patches, seams, colors, SHARES)
+        levelled(labelled, patches, seams, colors, SHARES, anchor=FAINT)
     with pytest.raises(InputError, match="cannot be levelled"):
         levelled(labelled, patches, seams, np.nan_to_num(colors), SHARES, 0.0)
 

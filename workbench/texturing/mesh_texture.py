@@ -33,7 +33,7 @@ class AtlasOptions:
     ----------
     levels : what is done about seams: nothing, smooth offsets over the mesh, or these and a
         blend of what they leave over a strip along the seams.
-    stiffness : of the offsets; see `levelled`.
+    stiffness, anchor : of the offsets; see `levelled`.
     strip : width of the blend in texels.
     padding : texels by which patches go on beyond their borders.
     largest, sides : of pages; see `packed`.
@@ -41,6 +41,7 @@ class AtlasOptions:
 
     levels: Levels = "global-and-local"
     stiffness: float = 0.1
+    anchor: float = 20.0
     strip: int = 20
     padding: int = 4
     largest: int = 8192
@@ -49,6 +50,7 @@ class AtlasOptions:
     def __post_init__(self) -> None:
         for name, good, what in (
             ("stiffness", np.isfinite(self.stiffness) and self.stiffness > 0.0, "above 0"),
+            ("anchor", np.isfinite(self.anchor) and self.anchor > 0.0, "above 0"),
             ("strip", self.strip >= 1, "1 or more"),
             ("padding", 0 <= self.padding <= 64, "from 0 to 64"),
             ("largest", 64 <= self.largest <= 16384, "from 64 to 16384"),
@@ -117,7 +119,9 @@ def textured(
     levelling = None
     offsets = np.zeros((len(labels), 3, 3), np.float32)
     if options.levels != "none":
-        levelling = levelled(labelled, patches, seams, colors, _SHARES, options.stiffness)
+        levelling = levelled(
+            labelled, patches, seams, colors, _SHARES, options.stiffness, options.anchor
+        )
         offsets = levelling.offsets
     atlas = empty_atlas(patches, options.largest, options.sides)
     draw(atlas, mesh, pictures, offsets)
