@@ -12,6 +12,7 @@ from stages.texture.items import free_photo, label_photo
 from stages.texture.options import TextureOptions
 from stages.texture.surface import textured_surface
 from stages.texture.telling import depth_metrics, photo_metrics
+from workbench.errors import InputError
 from workbench.metrics import Metric
 from workbench.pipeline.photo_surface import surface_mesh, told_photo, told_surface
 from workbench.pipeline.stage import Estimate, Job, Need, Products, Stage, StageResult
@@ -95,6 +96,7 @@ def _free_photos(
     flash = products.load("flash")
     surface = told_surface(products) | {"closed": _closed(products)}
     unlit = set(flash["without_flash"])
+    samples = _told_samples(products) if options.depth_from == "samples" else None
     colors = products.content_hash("surface_color") if options.doubt is not None else None
     told = {
         name: told_photo(products, name, poses[name], name in masked)
@@ -105,7 +107,7 @@ def _free_photos(
             "gain": float(np.exp(_nearest(np.log(gain), _GAIN_STEP))),
             **{k: getattr(options, k) for k in ("image_px", "normal_px", "border_px")},
             "depth_map_px": options.depth_map_px,
-            "depth_from": options.depth_from,
+            "samples": samples,
             "doubt": options.doubt,
             "colors": colors,
         }
@@ -118,6 +120,17 @@ def _free_photos(
     held = _held_out(tuple(told), options.held_out)
     names = tuple(name for name in told if name not in held)
     return _Photos(told, names, held), photo_metrics(done, held)
+
+
+def _told_samples(products: Products) -> dict[str, Any]:
+    """Where the samples are that depth maps are made of."""
+    for name in ("sample_cloud", "samples"):
+        if products.load_if_there(name) is not None:
+            return {"artefact": name, "hash": products.content_hash(name)}
+    raise InputError(
+        "there are no samples to make depth maps of",
+        fix="bring scans, or set texture.depth_from=surface",
+    )
 
 
 def _held_out(names: tuple[str, ...], count: int) -> tuple[str, ...]:
@@ -225,7 +238,8 @@ TEXTURE = Stage(
     summary="Chooses a photograph for every triangle: a depth mesh of each camera, and an atlas.",
     options=TextureOptions,
     reads=(
-        *("geometry_file", "surface", "surface_color", "photo_poses", "flash"),
+        *("geometry_file", "surface", "surface_color", "samples", "sample_cloud"),
+        *("photo_poses", "flash"),
         *("developed_photos", "unclipped_masks", "photo_masks"),
     ),
     writes=(

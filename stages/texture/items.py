@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +17,14 @@ from workbench.pipeline.tasks import ItemProducts, Payload
 if TYPE_CHECKING:
     from workbench.color.blending_surface import ReadySurface
     from workbench.geometry.photo_camera import PhotoCamera
+    from workbench.geometry.photo_view import Block, PlainBlock
     from workbench.texturing.depth_map import DepthMap
     from workbench.texturing.picture_cache import PictureCache
 
 _lock = threading.Lock()
 _pictures: list[SharedPictures] = []
+_last_samples: list[tuple[str, PlainBlock]] = []
+_NEIGHBOURS = 4
 
 
 def free_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
@@ -28,6 +33,7 @@ def free_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     from workbench.color.photo_correction import flash_free_picture
     from workbench.geometry.photo_view import lit_by_flash
     from workbench.texturing.depth_map import (
+        depth_map_of_samples,
         depth_map_of_surface,
         small_camera,
         usable_pixels,
@@ -52,9 +58,12 @@ def free_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
         free[wrong, 3] = 0
     products.save("texture_photos", free, name)
     small = small_camera(camera, payload["depth_map_px"])
-    depth = depth_map_of_surface(
-        surface.rays, small, usable_pixels(free[..., 3], small), payload["surface"]["closed"]
-    )
+    whole = usable_pixels(free[..., 3], small)
+    if payload["samples"] is None:
+        depth = depth_map_of_surface(surface.rays, small, whole, payload["surface"]["closed"])
+    else:
+        with _sample_blocks(products, payload["samples"], small) as blocks:
+            depth = depth_map_of_samples(blocks, small, whole)
     products.save("depth_maps", depth.arrays(), name)
     used = float((free[..., 3] > 0).sum() / max(int(view.seen.sum()), 1))
     return {"used": used, "doubted": doubted, "seconds": perf_counter() - start}
@@ -125,6 +134,42 @@ def label_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
         "loads": shared.cache.loads - loads,
         "load_seconds": shared.cache.load_seconds - seconds,
     }
+
+
+@contextmanager
+def _sample_blocks(
+    products: ItemProducts, told: Mapping[str, Any], camera: PhotoCamera
+) -> Iterator[Callable[[], Iterable[Block]]]:
+    """The samples that a camera may see, to be asked for again and again.
+
+    Parameters
+    ----------
+    told : which artefact they are in, and its content.
+    """
+    from workbench.cloud.layered_cloud import LayeredCloud
+    from workbench.cloud.numbered_chunks import NumberedChunks
+
+    if told["artefact"] == "sample_cloud":
+        with LayeredCloud(products.load("sample_cloud")) as cloud:
+            chunks = NumberedChunks(cloud)
+            yield lambda: chunks.blocks(camera)
+        return
+    with _lock:
+        if not _last_samples or _last_samples[0][0] != told["hash"]:
+            _last_samples[:] = [(told["hash"], _block_of(products.load("samples")))]
+        block = _last_samples[0][1]
+    yield lambda: (block,)
+
+
+def _block_of(samples: Mapping[str, NDArray[Any]]) -> PlainBlock:
+    """Samples in memory; each stands for what lies between it and its nearest neighbours."""
+    from scipy.spatial import cKDTree
+
+    from workbench.geometry.photo_view import PlainBlock
+
+    points = samples["points"]
+    apart = np.asarray(cKDTree(points).query(points, k=_NEIGHBOURS + 1)[0])
+    return PlainBlock(0, points, samples["normals"].astype(np.float64), apart[:, 1:].mean(axis=1))
 
 
 class SharedPictures:

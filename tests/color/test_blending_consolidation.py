@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.color.cloud import NumberedChunks, view_region
 from tests.color.blending_scene import RADIUS, ball, camera_at
 from workbench.cloud.building import build_cloud
 from workbench.cloud.layered_cloud import LayeredCloud
+from workbench.cloud.numbered_chunks import NumberedChunks, view_region
 from workbench.cloud.schema import Attribute, Schema
 from workbench.color.blending_consolidation import consolidated
 from workbench.geometry.photo_view import view_of_samples, view_of_surface

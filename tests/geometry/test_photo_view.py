@@ -7,11 +7,12 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from tests.color.blending_scene import DISTANCE, FLASH, RADIUS, ball, camera_at
-from workbench.color.blending_samples import PlainBlock, blocks_of_mesh
+from workbench.color.blending_samples import blocks_of_mesh
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.photo_view import (
+    PlainBlock,
     lit_by_flash,
     reduced_camera,
     view_of_samples,

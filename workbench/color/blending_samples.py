@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
+from workbench.geometry.photo_view import PlainBlock
 
 _SAMPLES_AT_ONCE = 1 << 20
-
-
-@dataclass(frozen=True)
-class PlainBlock:
-    """Samples in arrays; see `workbench.geometry.photo_view.Block`."""
-
-    first: int
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    spacing: NDArray[np.float64]
 
 
 def blocks_of_mesh(mesh: TriangleMesh) -> list[PlainBlock]:

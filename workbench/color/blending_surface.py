@@ -11,11 +11,11 @@ from workbench.color.blending_observations import (
     observed,
     weighed_photo,
 )
-from workbench.color.blending_samples import PlainBlock, blocks_of_mesh, vertex_spacing
+from workbench.color.blending_samples import blocks_of_mesh, vertex_spacing
 from workbench.color.blending_weights import WeightOptions, pixel_weights
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
-from workbench.geometry.photo_view import PhotoView, view_of_surface
+from workbench.geometry.photo_view import PhotoView, PlainBlock, view_of_surface
 from workbench.geometry.surface_rays import SurfaceRays
 
 _NEARLY_ALL = 0.99

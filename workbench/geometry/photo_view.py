@@ -54,6 +54,16 @@ class Block(Protocol):
 
 
 @dataclass(frozen=True)
+class PlainBlock:
+    """Samples in arrays; see `Block`."""
+
+    first: int
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class PhotoView:
     """The buffers of one photograph.
 
