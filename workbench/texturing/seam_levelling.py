@@ -23,6 +23,7 @@ from scipy.sparse.linalg import splu
 from workbench.errors import InputError
 from workbench.geometry.labelled_mesh import NO_PHOTO, LabelledMesh
 from workbench.geometry.mesh import face_normals_and_areas
+from workbench.texturing.dissection import dissected
 from workbench.texturing.patches import Patches
 from workbench.texturing.seams import Seams
 
@@ -91,6 +92,7 @@ def levelled(
     unique, unknown = np.unique(names, return_inverse=True)
     unknown = unknown.reshape(-1, 3)
     bare = unique < len(mesh.vertices)
+    points = mesh.vertices[unique % len(mesh.vertices)]
     system = _System(unknown, stiffness)
     between = (corner_labels[seams.rows] != NO_PHOTO).all(axis=1)
     offsets = np.zeros((len(unique), _CHANNELS))
@@ -99,10 +101,10 @@ def levelled(
     shown = float(mass[~bare].sum())
     held = diags_array(anchor * stiffness * mass / (shown if shown > 0.0 else 1.0))
     matrix, wanted = system.equations(seams.where(between), colors[between], shares)
-    _solve(csr_array(matrix + held), wanted, ~bare, offsets)
+    _solve(csr_array(matrix + held), wanted, ~bare, points, offsets)
     if bare.any():
         matrix, wanted = system.equations(seams.where(~between), colors[~between], shares)
-        _solve(matrix, wanted, bare, offsets)
+        _solve(matrix, wanted, bare, points, offsets)
     return _told(offsets, unknown, corner_labels, areas)
 
 
@@ -149,12 +151,14 @@ def _solve(
     matrix: csr_array,
     wanted: NDArray[np.float64],
     free: NDArray[np.bool_],
+    points: NDArray[np.float64],
     offsets: NDArray[np.float64],
 ) -> None:
-    """Fill in the free rows of ``offsets`` (u, 3), the others given."""
+    """Fill in the free rows of ``offsets`` (u, 3), which are at ``points``, the others given."""
     which = np.flatnonzero(free)
     if not len(which):
         return
+    which = which[dissected(csr_array(matrix[which][:, which]), points[which])]
     rows = matrix[which]
     inner = csc_array(rows[:, which])
     right = wanted[which] - rows @ np.where(free[:, None], 0.0, offsets)
@@ -162,9 +166,8 @@ def _solve(
     if scale > 0.0:
         held = inner + (_RIDGE * scale) * eye_array(len(which), format="csc")
         factors = splu(
-            held, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )  # fmt: skip
+            held, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
         offsets[which] = factors.solve(right)
 
 
