@@ -14,7 +14,7 @@ demo: setup
 	# Masks that a user would draw by hand: of one scan and one photograph.
 	mkdir -p $(DEMO)/masks/training
 	cp $(DEMO)/truth/masks/scan_00.png $(DEMO)/truth/photos/object/photo_000.png $(DEMO)/masks/training
-	$(BIN)/workbench run $(DEMO) --set verify.front_deg=180
+	$(BIN)/workbench run $(DEMO) --set verify.front_deg=180 --set texture.held_out=2
 	@echo "The report is in $(CURDIR)/$(DEMO)/report/report.html"
 
 test: check
