@@ -55,7 +55,7 @@ class TextureOptions(StageOptions):
         2, ge=1, le=64, description="Places along each edge where photographs are compared, eq. 5."
     )
     most_candidates: int = Field(
-        0,
+        8,
         ge=0,
         le=10_000,
         description="Photographs of least cost that each triangle keeps; 0 keeps all.",
