@@ -17,6 +17,7 @@ from workbench.kernels.voxel_clipping import (
     slab_polygon,
     touched_range,
 )
+from workbench.kernels.voxel_texture import texture_mean
 
 # One row of sums: area, weight, weighted normal and, with colour, weighted colour; then weight,
 # normal and colour again for each of the six faces. Clearing rows takes time: none is longer
@@ -84,18 +85,22 @@ def add_triangles(
     points: NDArray[np.float64], colors: NDArray[np.float64], triangles: NDArray[np.int32],
     chosen: NDArray[np.int32], corner: NDArray[np.int64], side: int, slot: NDArray[np.int32],
     marked: NDArray[np.bool_], sums: NDArray[np.float64], flags: NDArray[np.uint8],
+    page_of: NDArray[np.int32], pages: NDArray[np.int64], texels: NDArray[np.uint8],
 ) -> int:  # fmt: skip
     """Cut triangles by the voxels of one block and add their pieces up.
 
     Parameters
     ----------
     points : (n, 3) in voxels, zero in the middle of the grid.
-    colors : (n, 3) linear light 0…1, or (0, 3).
+    colors : (n, 3) linear light 0…1, or (0, 3); of a textured surface column and row in its
+        picture, in texels, and 0.
     triangles, chosen : (m, 3) indices of points, and which of the rows to take, in order.
     corner, side : (3,) lowest corner of the block, in voxels from the middle, and its side.
     slot : (side³,) −1 everywhere; receives rows of the sums, in Morton order of the cells.
     marked : (⌈side³ / GROUP⌉,) false everywhere; receives which groups of cells are in use.
     sums, flags : (side³, row_length) and (side³,); rows are cleared as they come into use.
+    page_of, pages, texels : (m,) picture of each triangle, and (p, 4) pictures and (t, 3) texels
+        as `workbench.kernels.voxel_texture` has them; no pictures without texture.
 
     Returns
     -------
@@ -166,7 +171,12 @@ def add_triangles(
                         flags[at] = 0
                     signed, middle_u, middle_v = projected_centroid(source_cell, in_cell, u, v)
                     area = abs(signed) * scale
-                    if colored:
+                    if len(pages):
+                        texture_mean(
+                            source_cell, in_cell, u, v, base, along_u, along_v, least, most,
+                            pages[page_of[t]], texels, color,
+                        )  # fmt: skip
+                    elif colored:
                         for k in range(3):
                             plane = base[k] + along_u[k] * middle_u + along_v[k] * middle_v
                             color[k] = min(max(plane, least[k]), most[k])

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from workbench.errors import InputError, SettingsError
 from workbench.formats.surface_files import read_surface
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.surface_texture import SurfaceTexture
 from workbench.voxels.lod_file import LodFileOptions, write_lod_file
 from workbench.voxels.lod_levels import CHUNK_LEVEL, LodChunk, lod_chunks, thin_part
 from workbench.voxels.voxel_set import VoxelGrid, VoxelSet, grid_of_mesh
@@ -98,8 +99,22 @@ def export_voxel_lod(
     return write_voxel_lod(mesh, out / LOD_FILE_NAME, chosen)
 
 
-def write_voxel_lod(mesh: TriangleMesh, path: Path, options: LodOptions) -> dict[str, Any]:
+def write_voxel_lod(
+    mesh: TriangleMesh, path: Path, options: LodOptions, texture: SurfaceTexture | None = None
+) -> dict[str, Any]:
     """Write the voxel level-of-detail file of a mesh; same mesh and options, same bytes.
+
+    Parameters
+    ----------
+    mesh
+        The surface; with the attribute ``color`` the file has colours.
+    path
+        The file.
+    options
+        See `LodOptions`.
+    texture
+        Of the mesh, which then must have ``color``, too: that is what the original surface kept
+        in the file is coloured by.
 
     Returns
     -------
@@ -129,7 +144,7 @@ def write_voxel_lod(mesh: TriangleMesh, path: Path, options: LodOptions) -> dict
         geometry=options.geometry,
         thin=options.subset == "thin",
     )
-    nodes = write_lod_file(path, grid, _chunks(mesh, grid, options), file_options)
+    nodes = write_lod_file(path, grid, _chunks(mesh, grid, options, texture), file_options)
     return _figures(path, grid, nodes) | {
         "triangles": census.triangles,
         "degenerate_triangles": census.degenerate,
@@ -138,7 +153,7 @@ def write_voxel_lod(mesh: TriangleMesh, path: Path, options: LodOptions) -> dict
 
 
 def _chunks(
-    mesh: TriangleMesh, grid: VoxelGrid, options: LodOptions
+    mesh: TriangleMesh, grid: VoxelGrid, options: LodOptions, texture: SurfaceTexture | None
 ) -> Iterator[tuple[LodChunk, TriangleMesh | None]]:
     """All chunks, those of the finest level with the surface that touches them."""
     triangles: dict[int, NDArray[np.int32]] = {}
@@ -150,7 +165,7 @@ def _chunks(
             workers=options.workers,
         )
         level = options.chunk_level
-        for part in surface_parts(mesh, grid, voxelisation, part_level=level):
+        for part in surface_parts(mesh, grid, voxelisation, part_level=level, texture=texture):
             voxels = part.voxels
             if options.subset == "thin":
                 voxels = thin_part(voxels, level)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.surface_texture import SurfaceTexture
 from workbench.kernels.morton import morton_cells
 from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
 from workbench.kernels.voxel_blocks import triangles_by_block, triangles_per_block
@@ -35,6 +36,7 @@ from workbench.kernels.voxel_sums import (
     face_averages,
     row_length,
 )
+from workbench.kernels.voxel_texture import COLUMNS, ROWS
 from workbench.voxels.voxel_set import SidedVoxels, VoxelGrid, VoxelSet, joined_voxels
 
 FINEST_LEVEL = 14
@@ -124,9 +126,10 @@ def voxel_parts(
     options: VoxelisationOptions | None = None,
     *,
     part_level: int = 8,
+    texture: SurfaceTexture | None = None,
 ) -> Iterator[VoxelSet]:
     """The voxels of `surface_parts` without the triangles they were made of."""
-    for part in surface_parts(mesh, grid, options, part_level=part_level):
+    for part in surface_parts(mesh, grid, options, part_level=part_level, texture=texture):
         yield part.voxels
 
 
@@ -136,6 +139,7 @@ def surface_parts(
     options: VoxelisationOptions | None = None,
     *,
     part_level: int = 8,
+    texture: SurfaceTexture | None = None,
 ) -> Iterator[SurfacePart]:
     """The voxels of a grid that a mesh touches, cube after cube in Morton order.
 
@@ -155,6 +159,9 @@ def surface_parts(
         Each part holds the voxels of one aligned cube of 2**part_level voxels a side, or of
         the whole grid where that is smaller; cubes without surface are left out. Grids may
         have 2**8 cubes a side.
+    texture
+        Of the mesh; voxels then have the mean of what it shows inside them, in linear light,
+        instead of the colours of vertices.
 
     Yields
     ------
@@ -166,7 +173,7 @@ def surface_parts(
         Vertices that are not finite or outside the grid, or a level out of bounds.
     """
     chosen = options or VoxelisationOptions()
-    job = _Job.of(mesh, grid, chosen, part_level)
+    job = _Job.of(mesh, grid, chosen, part_level, texture)
     ahead = 2 * chosen.workers
     waiting: deque[Future[SurfacePart]] = deque()
     found = False
@@ -203,6 +210,40 @@ class _Scratch:
 
 
 @dataclass(frozen=True)
+class _Texels:
+    """A texture as `add_triangles` reads it; nothing where there is none."""
+
+    page_of: NDArray[np.int32]
+    pages: NDArray[np.int64]
+    values: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, texture: SurfaceTexture | None) -> _Texels:
+        if texture is None:
+            return cls(
+                np.zeros(0, np.int32), np.zeros((0, 4), np.int64), np.zeros((0, 3), np.uint8)
+            )
+        sizes = [picture.shape[0] * picture.shape[1] for picture in texture.pictures]
+        # Places on the very border are those of a picture that ends there.
+        repeats = bool(((texture.places < 0.0) | (texture.places > 1.0)).any())
+        pages = [
+            (start, picture.shape[0], picture.shape[1], repeats)
+            for start, picture in zip(np.cumsum([0, *sizes]), texture.pictures, strict=False)
+        ]
+        values = np.concatenate([picture.reshape(-1, 3) for picture in texture.pictures])
+        return cls(np.ascontiguousarray(texture.pages, np.int32), np.array(pages, np.int64), values)
+
+    def places_of(
+        self, texture: SurfaceTexture, triangles: NDArray[np.int32]
+    ) -> NDArray[np.float64]:
+        """(n, 3) column and row of vertices in texels from the middle of the first, and 0."""
+        size = self.pages[texture.page_of_vertices(triangles)][:, [COLUMNS, ROWS]]
+        places = np.zeros((len(size), 3))
+        places[:, :2] = texture.places * size - 0.5
+        return places
+
+
+@dataclass(frozen=True)
 class _Job:
     """A mesh in the coordinates of a grid: what every block needs."""
 
@@ -211,12 +252,18 @@ class _Job:
     points: NDArray[np.float64]
     colors: NDArray[np.float64]
     triangles: NDArray[np.int32]
+    texels: _Texels
     block_level: int
     local: threading.local
 
     @classmethod
     def of(
-        cls, mesh: TriangleMesh, grid: VoxelGrid, options: VoxelisationOptions, part_level: int
+        cls,
+        mesh: TriangleMesh,
+        grid: VoxelGrid,
+        options: VoxelisationOptions,
+        part_level: int,
+        texture: SurfaceTexture | None,
     ) -> _Job:
         # A single voxel has no plane in its middle, where coordinates start.
         if not 1 <= grid.level <= FINEST_LEVEL:
@@ -242,10 +289,13 @@ class _Job:
                 fix="Repair the mesh, or take a grid that encloses it.",
             )
         colors = np.zeros((0, 3))
-        if "color" in mesh.vertex_attributes:
+        texels = _Texels.of(texture)
+        if texture is not None:
+            colors = texels.places_of(texture, mesh.triangles)
+        elif "color" in mesh.vertex_attributes:
             colors = LINEAR_OF_BYTE[np.asarray(mesh.vertex_attributes["color"], np.uint8)]
         triangles = np.ascontiguousarray(mesh.triangles, np.int32)
-        return cls(grid, options, points, colors, triangles, block_level, threading.local())
+        return cls(grid, options, points, colors, triangles, texels, block_level, threading.local())
 
     def cubes(self, level: int) -> Iterator[tuple[NDArray[np.int64], list[NDArray[np.int32]]]]:
         """Morton numbers of the blocks of each cube of 2**level voxels, and their triangles."""
@@ -288,6 +338,7 @@ class _Job:
         used = add_triangles(
             self.points, self.colors, self.triangles, chosen, corner, side,
             scratch.slot, scratch.marked, sums, flags,
+            self.texels.page_of, self.texels.pages, self.texels.values,
         )  # fmt: skip
         places, rows = cells_in_order(scratch.slot, scratch.marked, used)
         normal = np.empty((used, 3), np.float32)
