@@ -162,6 +162,8 @@ _TABLE = (
     Artefact("surface_ply", "exports/surface.ply", "file", "the surface with all attributes"),
     Artefact("surface_obj", "exports/surface.obj", "file", "the surface for general tools"),
     Artefact("surface_glb", "exports/surface.glb", "file", "the surface for the web"),
+    Artefact("voxel_lod", "exports/voxels.vlod", "file", "voxels of the surface, level by level"),
+    Artefact("voxel_graph", "exports/voxels.voxgraph", "file", "voxels of the surface as a graph"),
     Artefact("records", "work/{item}/record.json", "json", "what each stage did"),
     Artefact("report_html", "report/report.html", "file", "the report for people"),
     Artefact("report_json", "report/report.json", "json", "the report's numbers"),
