@@ -37,12 +37,19 @@ class ExportOptions(StageOptions):
         "jpeg", description="Pictures inside textured.glb; those of the OBJ are PNG, without loss."
     )
     picture_quality: int = Field(95, ge=1, le=100, description="Quality of JPEG.")
+    voxels: Literal["none", "voxels", "svdag", "ssvdag", "osvdag"] = Field(
+        "none",
+        description="Write exports/voxels.vlod, levels of detail, or a sparse voxel graph, "
+        "exports/voxels.voxgraph.",
+    )
+    voxel_resolution: Literal[64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384] = Field(
+        1024, description="Voxels along the side of the cube around the surface."
+    )
 
 
 def needed(scene: Scene, options: ExportOptions) -> Need:
-    if not (
-        options.ply or options.obj or options.glb or options.textured_glb or options.textured_obj
-    ):
+    formats = (options.ply, options.obj, options.glb, options.textured_glb, options.textured_obj)
+    if not any(formats) and options.voxels == "none":
         return Need(False, "no format asked for")
     if scene.scans or scene.geometry:
         return Need(True, "a surface to hand on")
@@ -66,7 +73,9 @@ def run(job: Job[ExportOptions]) -> StageResult:
     origin = np.array(inventory["origin_m"]) if inventory else np.zeros(3)
     if mesh is None:
         mesh = _geometry(job)
-    mesh = _with_color(mesh, products.load_if_there("surface_color"))
+    color = products.load_if_there("surface_color")
+    colored = color is not None or "color" in mesh.vertex_attributes
+    mesh = _with_color(mesh, color)
     moved = replace(mesh, vertices=mesh.vertices + origin)
     with job.progress.step("writing exports"):
         if options.ply:
@@ -79,12 +88,54 @@ def run(job: Job[ExportOptions]) -> StageResult:
             with products.writing("surface_glb") as path:
                 write_surface_glb(path, mesh, world_from_local_origin=tuple(origin))
     formats = options.ply + options.obj + options.glb + _textured(job, mesh, origin)
+    voxels = _voxels(job, moved, colored)
     return StageResult(
         (
-            Metric("formats", formats, "", "Files written."),
+            Metric("formats", formats + bool(voxels), "", "Files written."),
             Metric("triangles", len(mesh.triangles), "", "Triangles in each."),
+            *voxels,
         )
     )
+
+
+def _voxels(job: Job[ExportOptions], mesh: TriangleMesh, colored: bool) -> list[Metric]:
+    """Write the voxels of the surface where they are asked for; what they came to.
+
+    Parameters
+    ----------
+    mesh : the surface in the user's coordinates.
+    colored : whether its colours are known anywhere.
+    """
+    from workbench.voxels.lod_export import LodOptions, write_voxel_lod
+    from workbench.voxels.surface_export import write_surface_graph
+
+    products, options = job.products, job.options
+    if options.voxels == "none":
+        return []
+    # Of all attributes voxels have the colour alone, and grey for all would say nothing.
+    shown = {"color": mesh.vertex_attributes["color"]} if colored else {}
+    bare = replace(mesh, vertex_attributes=shown)
+    thin = options.voxels == "voxels"
+    given = LodOptions(
+        resolution=options.voxel_resolution,
+        subset="thin" if thin else "conservative",
+        workers=job.tasks.workers,
+    )
+    with (
+        job.progress.step(f"cutting the surface into {options.voxel_resolution}³ voxels"),
+        products.writing("voxel_lod" if thin else "voxel_graph") as path,
+    ):
+        if options.voxels == "voxels":
+            told = write_voxel_lod(bare, path, given)
+        else:
+            told = write_surface_graph(bare, path, options.voxels, given)
+    return [
+        Metric("voxels", told["voxels"], "", "Voxels of the finest level."),
+        Metric("voxel_size", told["voxel_size"], "m", "Side of a voxel."),
+        Metric("voxel_file", told["bytes"] / 1e6, "MB", "The file of voxels."),
+        Metric("voxel_bits", 8.0 * told["bytes"] / told["voxels"], "bits",
+               "Size of that file for each voxel, colours included."),
+    ]  # fmt: skip
 
 
 def _textured(job: Job[ExportOptions], mesh: TriangleMesh, origin: NDArray[np.float64]) -> int:
@@ -178,7 +229,7 @@ def _geometry(job: Job[ExportOptions]) -> Any:
 EXPORT = Stage(
     name="export",
     version=3,
-    summary="PLY, OBJ and GLB with normals, colour, provenance or texture, in your coordinates.",
+    summary="PLY, OBJ, GLB with normals, colour, provenance, texture; voxels; in your coordinates.",
     options=ExportOptions,
     reads=(
         *("surface", "surface_color", "scan_inventory", "geometry_file"),
@@ -187,6 +238,7 @@ EXPORT = Stage(
     writes=(
         *("surface_ply", "surface_obj", "surface_glb"),
         *("textured_glb", "textured_obj", "textured_mtl", "textured_pages"),
+        *("voxel_lod", "voxel_graph"),
     ),
     needed=needed,
     run=run,

@@ -16,6 +16,7 @@ from stages.verify.development import development_chapter
 from stages.verify.masks import masks_chapter
 from stages.verify.orientation import orientation_chapter
 from stages.verify.texturing import texture_chapter
+from stages.verify.voxels import voxel_chapter
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh, edge_census
 from workbench.geometry.transforms import Matrix4, apply, rigid
@@ -99,6 +100,9 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     metrics += found
     texture, found = texture_chapter(products, surface, known.model_from_world is not None)
     metrics += found
+    with job.progress.step("voxels"):
+        voxels, found = voxel_chapter(products, surface, up=options.up, front_deg=options.front_deg)
+    metrics += found
     warnings += unread
     with job.progress.step("pictures and plots"):
         content = build_scan_report(
@@ -118,6 +122,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *cameras,
                 *colors,
                 *texture,
+                *voxels,
                 *photographs,
             ),
             citations=_CITATIONS,
@@ -337,6 +342,8 @@ VERIFY = Stage[Any](
         "sample_cloud",
         "surface",
         "surface_ply",
+        "voxel_lod",
+        "voxel_graph",
         "reference_file",
         "photo_files",
         "photo_inventory",

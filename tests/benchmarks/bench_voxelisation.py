@@ -14,20 +14,20 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
-import numpy as np
 import open3d as o3d
 import trimesh
 
 from tests.benchmarks.drawing import draw_tradeoff
 from workbench.formats.surface_files import read_surface
-from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
+from workbench.geometry.mesh import TriangleMesh
 from workbench.verification.figures import TradeoffPoint, tradeoff_figure
+from workbench.verification.voxel_errors import MeshViews
 from workbench.voxels.lod_export import LodOptions, write_voxel_lod
 from workbench.voxels.lod_file import LodFile
 from workbench.voxels.voxel_set import VoxelGrid, grid_of_mesh
 from workbench.voxels.voxelisation import VoxelisationOptions, voxel_parts
 
-_PIXELS, _RAYS_PER_PIXEL = 512, 4
+_RAYS = 2048
 _LEVELS = (6, 7, 8, 9, 10, 11)
 _MEMORY_LIMIT = 12 << 30
 
@@ -102,65 +102,12 @@ def compare(path: Path, resolution: int) -> None:
             print(f"{program:30s} failed")
 
 
-def pixels(image: np.ndarray) -> np.ndarray:
-    """Mean over the rays of each pixel."""
-    n = _RAYS_PER_PIXEL
-    return image.reshape(_PIXELS, n, _PIXELS, n).mean(axis=(1, 3))
-
-
-def shaded(normal: np.ndarray, face: int) -> np.ndarray:
-    """Grey values 0…255 of unit normals (…, 3) seen straight onto a face, lit from beside."""
-    light = np.array([0.4, 0.5, 0.6])
-    light[face // 2] = 1.0 if face % 2 else -1.0
-    return 255 * np.abs(normal @ (light / np.linalg.norm(light)))
-
-
-def mesh_picture(mesh: TriangleMesh, grid: VoxelGrid, face: int) -> np.ndarray:
-    """The mesh (pixels, pixels) along an axis of the grid, background 0."""
-    scene = o3d.t.geometry.RaycastingScene()
-    local = (mesh.vertices - grid.origin) / grid.size
-    scene.add_triangles(
-        o3d.core.Tensor(local.astype(np.float32)), o3d.core.Tensor(mesh.triangles.astype(np.uint32))
-    )
-    axis, n = face // 2, _PIXELS * _RAYS_PER_PIXEL
-    steps = (np.arange(n) + 0.5) / n
-    rays = np.zeros((n, n, 6), np.float32)
-    rays[..., (axis + 1) % 3], rays[..., (axis + 2) % 3] = np.meshgrid(steps, steps, indexing="ij")
-    rays[..., axis] = 2.0 if face % 2 else -1.0
-    rays[..., 3 + axis] = -1.0 if face % 2 else 1.0
-    hit = scene.cast_rays(o3d.core.Tensor(rays))["primitive_ids"].numpy().astype(np.int64)
-    found = hit < len(mesh.triangles)
-    normal = face_normals_and_areas(mesh)[0][np.where(found, hit, 0)]
-    return pixels(np.where(found, shaded(normal, face), 0.0))
-
-
-def voxel_picture(file: LodFile, level: int, face: int) -> np.ndarray:
-    """The voxels of one level of a file (pixels, pixels) along an axis, background 0."""
-    side, axis = 1 << level, face // 2
-    image, depth = np.zeros((side, side)), np.full((side, side), -1, np.int64)
-    for row in np.flatnonzero(file.nodes["level"] == level):
-        chunk = file.chunk(row)
-        cells = chunk.cells + (file.nodes["place"][row].astype(np.int64) << file.chunk_level)
-        near = cells[:, axis] if face % 2 else side - 1 - cells[:, axis]
-        u, v = cells[:, (axis + 1) % 3], cells[:, (axis + 2) % 3]
-        # The last writer wins: the nearest comes last.
-        order = np.argsort(near, kind="stable")
-        normal = chunk.normal.astype(np.float64)
-        kept = chunk.side >= 0
-        normal[kept] = chunk.face_normal[chunk.side[kept], face]
-        order = order[near[order] > depth[u[order], v[order]]]
-        depth[u[order], v[order]] = near[order]
-        image[u[order], v[order]] = shaded(normal[order], face)
-    scale = _PIXELS * _RAYS_PER_PIXEL // side
-    return pixels(np.repeat(np.repeat(image, scale, axis=0), scale, axis=1))
-
-
 def levels(path: Path, out: Path) -> None:
     """Difference of pictures by resolution, against the time to make it and its bytes."""
     mesh = read_surface(path)
     points, sizes = [], []
     finest = grid_of_mesh(mesh.vertices, _LEVELS[-1])
-    truth = [mesh_picture(mesh, finest, face) for face in range(6)]
+    truth = MeshViews.of(mesh, finest, _RAYS)
     print(f"{'':12s}seconds      MB   bytes/voxel   error of 255 (of levels from the finest)")
     with TemporaryDirectory() as folder:
         # Compiled before the clock starts.
@@ -171,9 +118,9 @@ def levels(path: Path, out: Path) -> None:
             options = LodOptions(resolution=1 << level, geometry=False, chunk_level=6)
             figures = write_voxel_lod(mesh, made, options)
             seconds = perf_counter() - start
-            error = picture_error(LodFile(made), level, truth)
+            error = truth.error_of(LodFile(made), level)
             all_of_one = LodFile(Path(folder) / f"{_LEVELS[-1]}.vlod")
-            derived = picture_error(all_of_one, level, truth)
+            derived = truth.error_of(all_of_one, level)
             label, megabytes = f"{1 << level}", figures["bytes"] / 1e6
             print(
                 f"{label:8s}{seconds:11.2f}{megabytes:8.2f}{figures['bytes_per_voxel']:14.2f}"
@@ -185,17 +132,6 @@ def levels(path: Path, out: Path) -> None:
     draw_tradeoff(out, "voxels-error-time", points, "mean picture difference (of 255)", "2048")
     by_size = tradeoff_figure(sizes, "file (MB)", "mean picture difference (of 255)", "2048")
     (out / "voxels-error-bytes.svg").write_text(by_size, encoding="utf-8")
-
-
-def picture_error(file: LodFile, level: int, truth: list[np.ndarray]) -> float:
-    """Mean absolute difference over the pixels that either picture shows, six views."""
-    total = count = 0.0
-    for face, wanted in enumerate(truth):
-        image = voxel_picture(file, level, face)
-        shown = (image > 0) | (wanted > 0)
-        total += np.abs(image - wanted)[shown].sum()
-        count += shown.sum()
-    return total / count
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from workbench.voxels.dag_encoding import Encoding
 
 _MEBIBYTE_BITS = 8 * 2**20
-_LEVELS = (11, 12, 13, 14, 15, 16)
+PUBLISHED_LEVELS = (11, 12, 13, 14, 15, 16)
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class PublishedModel:
 
     def bits_per_voxel(self, encoding: Encoding, level: int) -> float | None:
         """What an encoding took at 2^level voxels a side; None where the paper does not tell."""
-        if level not in _LEVELS:
+        if level not in PUBLISHED_LEVELS:
             return None
-        place = _LEVELS.index(level)
+        place = PUBLISHED_LEVELS.index(level)
         if encoding not in self.mebibytes:
             return None
         bits = self.mebibytes[encoding][place] * _MEBIBYTE_BITS
