@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from workbench.verification.voxel_sections import ExportedVoxels, LevelFigures
     from workbench.voxels.dag_file import VoxelGraph
 
-_PICTURE_PX = (720, 720)
+_PICTURE_PX = (560, 560)
 # All encodings of more voxels take minutes; what the file's own takes is told in any case.
 _MOST_COMPARED = 50_000_000
 _FINEST_COMPARED, _LEAST_RAYS = 11, 512
@@ -64,20 +64,22 @@ def _of_graph(path: Path, up: str, front_deg: float) -> ExportedVoxels:
     if graph.voxels <= _MOST_COMPARED:
         figures = encoding_figures(reduced_dag(DagWalk(dag_of(graph)).codes(), graph.level))
     return ExportedVoxels(
-        voxels.grid, graph.voxels, path.stat().st_size, graph.encoding, figures, (),
-        _picture(voxels, up, front_deg),
+        voxels.grid, graph.voxels, path.stat().st_size, graph.encoding, figures, (), 0,
+        _pictures(voxels, up, front_deg),
     )  # fmt: skip
 
 
 def _of_levels(path: Path, surface: TriangleMesh, up: str, front_deg: float) -> ExportedVoxels:
     from workbench.verification.voxel_sections import ExportedVoxels
+    from workbench.voxels.lod_file import LodFile
     from workbench.voxels.voxel_points import traceable_graph
 
     levels = _levels(path, surface)
     voxels = traceable_graph(path)
     return ExportedVoxels(
         voxels.grid, voxels.graph.voxels, path.stat().st_size, "", (), levels,
-        _picture(voxels, up, front_deg),
+        int(LodFile(path).nodes["geometry_stored"].sum(dtype=np.int64)),
+        _pictures(voxels, up, front_deg),
     )  # fmt: skip
 
 
@@ -107,12 +109,17 @@ def _levels(path: Path, surface: TriangleMesh) -> list[LevelFigures]:
     return figures
 
 
-def _picture(voxels: VoxelGraph, up: str, front_deg: float) -> NDArray[np.uint8]:
+def _pictures(voxels: VoxelGraph, up: str, front_deg: float) -> dict[str, NDArray[np.uint8]]:
+    """From the front and from the back."""
     from workbench.voxels.graph_pictures import camera_around, picture
 
     width, height = _PICTURE_PX
-    # Pictures of the report look along +y where front_deg is 0 and z points up.
-    return picture(voxels, camera_around(voxels.grid, width, height, azimuth=front_deg, up=up))
+    return {
+        name: picture(
+            voxels, camera_around(voxels.grid, width, height, azimuth=front_deg + turned, up=up)
+        )
+        for name, turned in (("Front", 0.0), ("Back", 180.0))
+    }
 
 
 def _origin(products: Products) -> NDArray[np.float64]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.formats.gltf import srgb_from_linear
 from workbench.metrics import Metric
+from workbench.render.palette import background
 from workbench.verification.figures import TradeoffPoint, tradeoff_figure
 from workbench.verification.quantities import shown_number
 from workbench.verification.report_content import (
@@ -25,8 +27,6 @@ from workbench.verification.report_content import (
 from workbench.voxels.graph_export import EncodingFigures
 from workbench.voxels.published_encodings import PUBLISHED, PUBLISHED_LEVELS
 from workbench.voxels.voxel_set import VoxelGrid
-
-_PAPER = (255, 255, 255)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,8 @@ class ExportedVoxels:
     encoding : of a graph; empty for levels of detail.
     encodings : of a graph, what each encoding makes of it; none where that was left out.
     levels : of a file of levels, coarse to fine.
-    picture : (h, w, 4) uint8 traced picture, sRGB with alpha.
+    geometry_bytes : of the file, the surface itself for close-ups.
+    pictures : name → (h, w, 4) uint8 traced picture, sRGB with alpha.
     """
 
     grid: VoxelGrid
@@ -69,7 +70,8 @@ class ExportedVoxels:
     encoding: str
     encodings: Sequence[EncodingFigures]
     levels: Sequence[LevelFigures]
-    picture: NDArray[np.uint8]
+    geometry_bytes: int
+    pictures: Mapping[str, NDArray[np.uint8]]
 
 
 def voxel_section(told: ExportedVoxels) -> Section:
@@ -81,7 +83,12 @@ def voxel_section(told: ExportedVoxels) -> Section:
         f"side, {shown_number(told.file_bytes / 1e6)} MB in the file. "
     )
     if told.encoding:
-        text += "Every voxel was read back from the file and compared before it was kept."
+        text += "Every voxel was decoded again and compared before the file was kept."
+    elif told.geometry_bytes:
+        text += (
+            f"{shown_number(told.geometry_bytes / 1e6)} MB of that are the surface itself, for "
+            "close-ups."
+        )
     blocks: list[Block] = [Paragraph(text), _pictures(told)]
     if told.encodings:
         blocks.append(_encodings_table(told))
@@ -110,14 +117,17 @@ def voxel_metrics(told: ExportedVoxels) -> list[Metric]:
 
 
 def _pictures(told: ExportedVoxels) -> PictureRow:
-    alpha = told.picture[..., 3:].astype(np.float32) / np.float32(255.0)
-    mixed = told.picture[..., :3] * alpha + np.array(_PAPER, np.float32) * (1.0 - alpha)
-    pixels = np.ascontiguousarray(np.rint(mixed).astype(np.uint8))
-    picture = Picture(pixels, "The voxels", "The voxels of the surface, lit by one light", True)
+    pictures = []
+    for name, picture in told.pictures.items():
+        alpha = picture[..., 3:].astype(np.float32) / np.float32(255.0)
+        behind = srgb_from_linear(background(*alpha.shape[:2]))
+        mixed = picture[..., :3] * alpha + behind * (np.float32(1.0) - alpha)
+        pixels = np.ascontiguousarray(np.rint(mixed).astype(np.uint8))
+        pictures.append(Picture(pixels, name, f"The voxels, {name.lower()}", True))
     caption = (
         "Traced voxel by voxel with hard shadows; a cell smaller than a pixel is not looked into."
     )
-    return PictureRow((picture,), caption)
+    return PictureRow(tuple(pictures), caption)
 
 
 def _encodings_table(told: ExportedVoxels) -> Table:
