@@ -21,6 +21,12 @@ from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
 
 
+# Voxels of a surface for each of a face of the cube around it, measured on a mask and a bunny;
+# bytes of each: of a file of levels, of a graph in memory and in its file, coloured.
+_VOXELS_OF_SQUARE = 4
+_LEVEL_BYTES, _GRAPH_MEMORY, _GRAPH_BYTES = 16, 60, 5
+
+
 class ExportOptions(StageOptions):
     """Options of ``export``."""
 
@@ -57,7 +63,13 @@ def needed(scene: Scene, options: ExportOptions) -> Need:
 
 
 def estimate(scene: Scene, options: ExportOptions) -> Estimate:
-    return Estimate(6 * scene.scan_bytes + 2**28, 6 * scene.scan_bytes + 2**24)
+    memory, disk = 6 * scene.scan_bytes + 2**28, 6 * scene.scan_bytes + 2**24
+    if options.voxels == "none":
+        return Estimate(memory, disk)
+    voxels = _VOXELS_OF_SQUARE * options.voxel_resolution**2
+    if options.voxels == "voxels":
+        return Estimate(memory, disk + _LEVEL_BYTES * voxels)
+    return Estimate(memory + _GRAPH_MEMORY * voxels, disk + _GRAPH_BYTES * voxels)
 
 
 def run(job: Job[ExportOptions]) -> StageResult:

@@ -14,13 +14,13 @@ from workbench.metrics import Metric
 from workbench.pipeline.depth_scene import DepthScene, depth_scene
 from workbench.pipeline.photo_surface import told_camera
 from workbench.pipeline.stage import Products
+from workbench.pipeline.stitched_pictures import colored_surface
 
 if TYPE_CHECKING:
     from workbench.verification.report_content import Section
     from workbench.verification.texture_views import HeldOutView
 
 _CACHE_BYTES = 2 << 30
-_GREY = 128
 # With fewer triangles a reconstruction shows nothing.
 _LEAST_TRIANGLES = 2000
 _FULL, _WHOLLY = 65535, 255
@@ -46,7 +46,7 @@ def texture_chapter(
     views: list[HeldOutView] = []
     foreground = 0
     if told["held_out"] and products.items("depth_meshes"):
-        colored = surface.with_attributes(color=_colors(products, surface))
+        colored = colored_surface(products, surface)
         scene = depth_scene(products, colored)
         foreground = scene.foreground
         singles = _single_meshes(products, scene, colored, told["far_m"], record["options"])
@@ -98,17 +98,6 @@ def _truth(
     picture = products.load("texture_photos", name)
     truth = picture[..., :3].astype(np.float32) / np.float32(255.0)
     return truth, picture[..., 3] > 0, "what it shows itself, free of its flash"
-
-
-def _colors(products: Products, surface: TriangleMesh) -> NDArray[np.uint8]:
-    from workbench.color.blending_display import encoded_srgb
-
-    colors = np.full((len(surface.vertices), 3), _GREY, np.uint8)
-    told = products.load_if_there("surface_color")
-    if told is not None:
-        known = np.isfinite(told["color"]).all(axis=1)
-        colors[known] = encoded_srgb(told["color"][known], told["space"].item())
-    return colors
 
 
 def _single_meshes(

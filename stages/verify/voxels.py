@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from workbench.verification.report_content import Section
     from workbench.verification.voxel_sections import ExportedVoxels, LevelFigures
     from workbench.voxels.dag_file import VoxelGraph
+    from workbench.voxels.lod_file import LodFile
 
 _PICTURE_PX = (560, 560)
 # All encodings of more voxels take minutes; what the file's own takes is told in any case.
@@ -72,27 +73,25 @@ def _of_graph(path: Path, up: str, front_deg: float) -> ExportedVoxels:
 def _of_levels(path: Path, surface: TriangleMesh, up: str, front_deg: float) -> ExportedVoxels:
     from workbench.verification.voxel_sections import ExportedVoxels
     from workbench.voxels.lod_file import LodFile
-    from workbench.voxels.voxel_points import traceable_graph
+    from workbench.voxels.voxel_points import voxel_points
 
-    levels = _levels(path, surface)
-    voxels = traceable_graph(path)
+    file = LodFile(path)
+    counts = np.bincount(file.nodes["level"], file.nodes["voxels"]).astype(np.int64)
+    # No pixel of the picture sees more.
+    drawn = max(level for level in np.flatnonzero(counts) if level <= _FINEST_COMPARED)
     return ExportedVoxels(
-        voxels.grid, voxels.graph.voxels, path.stat().st_size, "", (), levels,
-        int(LodFile(path).nodes["geometry_stored"].sum(dtype=np.int64)),
-        _pictures(voxels, up, front_deg),
+        file.grid, int(counts[-1]), path.stat().st_size, "", (), _levels(file, surface),
+        int(file.nodes["geometry_stored"].sum(dtype=np.int64)),
+        _pictures(voxel_points(path, int(drawn)).graph(), up, front_deg),
     )  # fmt: skip
 
 
-def _levels(path: Path, surface: TriangleMesh) -> list[LevelFigures]:
+def _levels(file: LodFile, surface: TriangleMesh) -> list[LevelFigures]:
     """Levels of a file that pictures can tell apart, coarse to fine."""
     from workbench.verification.voxel_errors import MeshViews
     from workbench.verification.voxel_sections import LevelFigures
-    from workbench.voxels.lod_file import LodFile
 
-    file = LodFile(path)
     there = [int(level) for level in np.unique(file.nodes["level"]) if level <= _FINEST_COMPARED]
-    if not there:
-        return []
     views = MeshViews.of(surface, file.grid, max(1 << there[-1], _LEAST_RAYS))
     figures = []
     for level in there:
