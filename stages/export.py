@@ -20,7 +20,6 @@ from workbench.pipeline.stage import Estimate, Job, Need, Products, Stage, Stage
 from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
 
-
 # Voxels of a surface for each of a face of the cube around it, measured on a mask and a bunny;
 # bytes of each: of a file of levels, of a graph in memory and in its file, coloured.
 _VOXELS_OF_SQUARE = 4
