@@ -75,6 +75,8 @@ def run(job: Job[TextureOptions]) -> StageResult:
         products.remove_items_except("depth_meshes", set())
     if options.single_mesh:
         metrics += textured_surface(job, photos.told, photos.names, _costs(options, far))
+    else:
+        products.remove_items_except("texture_pages", set())
     products.save(
         "texturing",
         {
