@@ -91,7 +91,7 @@ def test_pictures_show_what_is_compared_cut_to_it_and_labels_in_colours():
     section = texture_section(record(), [view()], 480)
     row = next(block for block in section.blocks if isinstance(block, PictureRow))
     assert "p3" in row.caption
-    assert [p.caption for p in row.pictures][0] == "The true albedo"
+    assert next(p.caption for p in row.pictures) == "The true albedo"
     sizes = {picture.pixels.shape for picture in row.pictures}
     assert len(sizes) == 1
     assert next(iter(sizes))[0] < 40
