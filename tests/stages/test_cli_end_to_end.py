@@ -72,8 +72,8 @@ def contents(project: Path, *folders: str) -> dict[str, bytes]:
     }
 
 
-# A plane without photographs has nothing to develop, mask, orient or colour with.
-LEFT_OUT = {"develop", "mask", "orient", "color"}
+# A plane without photographs has nothing to develop, mask, orient, colour or texture with.
+LEFT_OUT = {"develop", "mask", "orient", "color", "texture"}
 
 
 def actions_of(answer: dict) -> set[str]:
