@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -73,6 +74,25 @@ def test_many_texels_of_a_voxel_are_averaged_in_linear_light(side):
     assert np.abs(found - expected).mean() < 30 / n
     middle = picture[n // 2 :: n, n // 2 :: n]
     assert np.abs(middle - expected).mean() > 50
+
+
+@pytest.mark.parametrize(("side", "most", "mean"), [(5, 10, 1.5), (24, 3, 0.6), (96, 2, 0.5)])
+def test_colours_are_those_of_a_dense_sampling(side, most, mean):
+    """Against bilinear samples, 64² a voxel, whether texels are larger than it or smaller."""
+    coarse = noise(max(side // 4, 3))
+    picture = cv2.resize(coarse, (side, side), interpolation=cv2.INTER_CUBIC)
+    steps = (np.arange(512) + 0.5) / 512
+    columns, rows = np.meshgrid(*2 * [(steps * side - 0.5).astype(np.float32)])
+    samples = cv2.remap(
+        linear(picture.astype(float)), columns, rows, cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )  # fmt: skip
+    expected = encoded(samples.reshape(8, 64, 8, 64, 3).mean(axis=(1, 3)))
+    error = np.abs(colors_of(textured(picture)) - expected)
+    # The middle of a piece stands for it while it is smaller than a texel, the more roughly the
+    # more texels differ; rounding alone makes up a mean of 0.25.
+    assert error.max() < most
+    assert error.mean() < mean
 
 
 def test_the_vertices_alone_would_not_tell():
