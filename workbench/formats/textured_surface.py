@@ -42,7 +42,7 @@ def read_textured_surface(path: Path) -> tuple[TriangleMesh, SurfaceTexture | No
     Notes
     -----
     Parts without a picture in a file with some are of their material's colour. An OBJ whose
-    picture is missing is one without texture.
+    picture is missing is one without texture. Of a glTF without pictures the shape alone is read.
     """
     path = Path(path)
     suffix = path.suffix.lower()
