@@ -1,10 +1,11 @@
 """Labelling many depth meshes against labelling one mesh, and photographs that are added.
 
-    python -m tests.benchmarks.bench_texturing OUT PROJECT [--sizes 64 128 256] [--published 64]
+    python -m tests.benchmarks.bench_texturing OUT [PROJECT] [--sizes 64 128 256] [--published 64]
 
-After Arikan et al., figure 8, on a project that ``texture`` has been run on: for depth maps of
-each size all depth meshes are labelled; one mesh with as many triangles as these have in the
-foreground, the surface simplified, is labelled with the same energy. That is done in two ways:
+After Arikan et al., figure 8, on a project that ``texture`` has been run on or, without one, on a
+simulated street of 64 photographs, written to OUT: for depth maps of each size all depth meshes
+are labelled; one mesh with as many triangles as these have in the foreground, the surface
+simplified, is labelled with the same energy. That is done in two ways:
 
 * ``single``: with this project's solver, which reads each photograph once and looks only at
   triangles that a photograph shows;
@@ -15,9 +16,10 @@ foreground, the surface simplified, is labelled with the same energy. That is do
   a photograph does not show it is not read for.
 
 Photographs are read from their files by way of a cache (least recently used goes first) that
-holds a third of them, anew for every measurement; one thread. Then the last two photographs are
-taken for added to the others: which meshes are touched, and whether labels are those of a run
-from scratch in which every photograph is asked for every mesh.
+holds a third of them, or the share that ``--memory`` says, anew for every measurement; one thread.
+How often a cache of a third would have to load is counted in any case. Then the last two
+photographs are taken for added to the others: which meshes are touched, and whether labels are
+those of a run from scratch in which every photograph is asked for every mesh.
 
 Prints tables and writes ``texturing.csv``, ``texturing.svg`` and, where an SVG renderer is at
 hand, ``texturing.png`` to OUT. Times do not hold from run to run: compare them within one.
@@ -27,8 +29,9 @@ from __future__ import annotations
 
 import argparse
 import csv
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
@@ -37,10 +40,12 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks.bench_labelling import Scene, depth_maps, scene_of
+from tests.benchmarks.bench_labelling import CACHE_BYTES, Scene, depth_maps, scene_of
 from tests.benchmarks.drawing import draw_tradeoff
+from tests.benchmarks.street import read, street_cameras, street_front, take
 from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
 from workbench.geometry.simplification import simplified
+from workbench.geometry.surface_rays import SurfaceRays
 from workbench.kernels.data_costs import penalties
 from workbench.kernels.edge_colors import read_edges
 from workbench.kernels.pair_costs import seam_costs
@@ -56,15 +61,18 @@ from workbench.texturing.single_mesh import labelled_surface
 from workbench.texturing.texture_costs import side_by_side, texture_problem
 from workbench.verification.figures import TradeoffPoint
 
-CYCLES, EDGE_SAMPLES, MOST_CANDIDATES = 2, 2, 8
-SHARE_IN_MEMORY, ADDED, ADDED_SIZE = 3, 2, 128
-WARMING = 32
+CYCLES, EDGE_SAMPLES, MOST_CANDIDATES, ADDED = 2, 2, 8, 2
+WARMING, STREET = 32, 64
 _GREY, _NEVER = 128, 1e12
+
+Load = Callable[[int], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One measurement: seconds and of them those of loading, and photographs loaded."""
+    """One measurement: seconds and of them those of loading, photographs loaded, and how many
+    would be if memory held a third of them.
+    """
 
     way: str
     size: int
@@ -72,7 +80,31 @@ class Row:
     seconds: float
     load_seconds: float
     loads: int
+    loads_of_third: int
     energy: float
+
+
+class CountedCache(PictureCache):
+    """Remembers what it was asked for."""
+
+    asked: list[int]
+
+    def get(self, label: int) -> NDArray[np.uint8]:
+        self.asked.append(label)
+        return super().get(label)
+
+    def loads_with(self, room: int) -> int:
+        """How often photographs would be loaded if so many had room."""
+        kept: OrderedDict[int, None] = OrderedDict()
+        loads = 0
+        for label in self.asked:
+            if label not in kept:
+                loads += 1
+                if len(kept) >= room:
+                    kept.popitem(last=False)
+            kept[label] = None
+            kept.move_to_end(label)
+        return loads
 
 
 class Published:
@@ -164,15 +196,49 @@ class Published:
         read_edges(rows, number.reshape(ends.shape), pixels, depths, pictures.get(photo), colors)
 
 
-def small_cache(project: Project, scene: Scene) -> PictureCache:
-    """With room for a third of the photographs, which are read from their files."""
+def project_scene(project: Project) -> tuple[Scene, Load]:
+    """A project's photographs, and how one is read."""
     store = project.store
     names = store.load("texturing")["photographs"]
-    whole = sum(4 * camera.width * camera.height for camera in scene.cameras.values())
-    return PictureCache(
-        lambda number: np.asarray(store.load("texture_photos", names[number])),
-        whole // SHARE_IN_MEMORY,
+    return scene_of(project, 1), lambda number: np.asarray(
+        store.load("texture_photos", names[number])
     )
+
+
+def street_scene(folder: Path) -> tuple[Scene, Load]:
+    """A simulated street's, which are written first."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rays, cameras = SurfaceRays(street_front()), street_cameras(STREET)
+    paths = {number: folder / f"{number:03d}.png" for number in cameras}
+    for number, path in paths.items():
+        if not path.exists():
+            take(rays, cameras[number], number, path)
+    pictures = PictureCache(lambda number: read(paths[number]), CACHE_BYTES)
+    return Scene(rays, cameras, pictures, (0,)), lambda number: read(paths[number])
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scene, how a photograph of it is read, and the share of them that memory holds."""
+
+    scene: Scene
+    load: Load
+    memory: float
+
+    def cache(self) -> CountedCache:
+        """An empty one."""
+        whole = sum(4 * camera.width * camera.height for camera in self.scene.cameras.values())
+        cache = CountedCache(self.load, int(whole * self.memory) + 1)
+        cache.asked = []
+        return cache
+
+    def row(
+        self, way: str, size: int, triangles: int, start: float, cache: CountedCache, energy: float
+    ) -> Row:
+        """What has been measured since ``start``."""
+        seconds = perf_counter() - start
+        third = cache.loads_with(max(1, len(self.scene.cameras) // 3))
+        return Row(way, size, triangles, seconds, cache.load_seconds, cache.loads, third, energy)
 
 
 def label_all(
@@ -204,15 +270,15 @@ def full_problem(scene: Scene, mesh: TriangleMesh, options: CostOptions) -> Labe
     return texture_problem(mesh, scene.cameras, candidates, scene.pictures.get, options)
 
 
-def compare(project: Project, scene: Scene, size: int, published: bool) -> list[Row]:
+def compare(subject: Subject, size: int, published: bool) -> list[Row]:
     """All ways at one size of depth maps."""
-    maps = depth_maps(scene, size)
+    scene, maps = subject.scene, depth_maps(subject.scene, size)
     options, every = costs_of(maps), costs_of(maps, 0)
-    cache, start = small_cache(project, scene), perf_counter()
+    cache, start = subject.cache(), perf_counter()
     made = label_all(scene, maps, which_see(maps), cache, options)
-    seconds = perf_counter() - start
     foreground = sum(int(mesh.labelled.foreground.sum()) for mesh in made.values())
     energy = sum(mesh.labelling.energy.total for mesh in made.values())
+    rows = [subject.row("multi", size, foreground, start, cache, energy)]
     triangles = sum(len(mesh.labelled.labels) for mesh in made.values())
     photos = float(np.mean([len(mesh.photos) for mesh in made.values()]))
     print(
@@ -220,38 +286,30 @@ def compare(project: Project, scene: Scene, size: int, published: bool) -> list[
         f"{photos:.1f} candidates a mesh of {len(scene.cameras)} photographs",
         flush=True,
     )
-    rows = [Row("multi", size, foreground, seconds, cache.load_seconds, cache.loads, energy)]
     mesh = simplified(scene.rays.mesh, foreground)
     grey = np.full((len(mesh.vertices), 3), _GREY, np.uint8)
     mesh = TriangleMesh(mesh.vertices, mesh.triangles, {"color": grey})
     problem = full_problem(scene, mesh, every)
-    cache, start = small_cache(project, scene), perf_counter()
+    cache, start = subject.cache(), perf_counter()
     labelled, _ = labelled_surface(mesh, scene.cameras, cache.get, options, max_cycles=CYCLES)
-    seconds = perf_counter() - start
-    energy = problem.energy(labelled.labels).total
-    rows.append(
-        Row("single", size, len(mesh.triangles), seconds, cache.load_seconds, cache.loads, energy)
-    )
+    row = subject.row("single", size, len(mesh.triangles), start, cache, 0.0)
+    rows.append(replace(row, energy=problem.energy(labelled.labels).total))
     if published:
-        cache, start = small_cache(project, scene), perf_counter()
+        cache, start = subject.cache(), perf_counter()
         candidates = shown_candidates(mesh, scene.cameras, cache.get, every)
         solver = Published(mesh, scene, candidates, every)
         solver.solve(cache)
-        seconds = perf_counter() - start
-        energy = problem.energy(solver.labels).total
-        rows.append(
-            Row("published", size, len(mesh.triangles), seconds, cache.load_seconds, cache.loads,
-                energy)
-        )  # fmt: skip
+        row = subject.row("published", size, len(mesh.triangles), start, cache, 0.0)
+        rows.append(replace(row, energy=problem.energy(solver.labels).total))
     return rows
 
 
-def added(project: Project, scene: Scene) -> None:
+def added(subject: Subject, size: int) -> None:
     """Two photographs more: meshes that are touched, and whether the result is the same."""
-    maps = depth_maps(scene, ADDED_SIZE)
+    scene, maps = subject.scene, depth_maps(subject.scene, size)
     # Of the scene as a whole, as the stage rounds it so that it stays.
     options = costs_of(maps)
-    cache = small_cache(project, scene)
+    cache = subject.cache()
     old = {k: maps[k] for k in sorted(maps)[:-ADDED]}
     before = label_all(scene, old, which_see(old), cache, options)
     seen = which_see(maps)
@@ -281,29 +339,34 @@ def added(project: Project, scene: Scene) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
-    parser.add_argument("project", type=Path)
+    parser.add_argument("project", type=Path, nargs="?")
     parser.add_argument("--sizes", type=int, nargs="+", default=[64, 128, 256])
     parser.add_argument("--published", type=int, nargs="*", default=[64])
+    parser.add_argument("--memory", type=float, default=1 / 3)
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
-    project = Project(asked.project)
-    scene = scene_of(project, 1)
+    scene, load = (
+        project_scene(Project(asked.project))
+        if asked.project
+        else street_scene(asked.out / "photos")
+    )
+    subject = Subject(scene, load, asked.memory)
     rows: list[Row] = []
     with threadpool_limits(1):
         # Loads what is compiled.
-        compare(project, scene, WARMING, published=True)
-        print("way         size  triangles    seconds    loading   loads     energy", flush=True)
+        compare(Subject(scene, scene.pictures.get, 1.0), WARMING, published=True)
+        print("way         size triangles   seconds   loading  loads  of ⅓    energy", flush=True)
         for size in asked.sizes:
-            found = compare(project, scene, size, size in asked.published)
+            found = compare(subject, size, size in asked.published)
             rows += found
             for row in found:
                 print(
-                    f"{row.way:10s}{row.size:6d}{row.triangles:11d}{row.seconds:11.2f}"
-                    f"{row.load_seconds:11.2f}{row.loads:8d}{row.energy:11.4g}"
-                    f"   {row.seconds / found[0].seconds:.2f} times the depth meshes'",
+                    f"{row.way:10s}{row.size:6d}{row.triangles:10d}{row.seconds:10.2f}"
+                    f"{row.load_seconds:10.2f}{row.loads:7d}{row.loads_of_third:6d}"
+                    f"{row.energy:10.4g}   {row.seconds / found[0].seconds:.2f} × depth meshes",
                     flush=True,
                 )
-        added(project, scene)
+        added(subject, asked.sizes[0])
     with (asked.out / "texturing.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, list(Row.__dataclass_fields__))
         table.writeheader()
