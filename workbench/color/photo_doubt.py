@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.photo_view import reduced_camera
+from workbench.geometry.robust import robust_sigma
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.kernels.stitch_passes import corner_colors
 
@@ -20,6 +21,7 @@ from workbench.kernels.stitch_passes import corner_colors
 # blend does not resolve, and a pixel's misplacement.
 _AROUND_CELLS = 1.5
 _LEAST_SHARE = 0.2
+_USUAL_SIGMAS = 3.0
 # The logarithm of nothing is that of a surface far darker than any is.
 _DARKEST = 0.005
 _GAMMA = 2.2
@@ -44,8 +46,9 @@ def doubted_pixels(
     colors : (n, 3) uint8 sRGB-encoded, what all photographs together say of its vertices.
     known : (n,) vertices of which they say something.
     cell_px : pixels compared at once, about the distance of vertices in the picture.
-    limit : difference of the logarithm of lightness from which a pixel is doubted; a difference
-        that the whole photograph has is its exposure's and does not count.
+    limit : difference of the logarithm of lightness from which a pixel is doubted, if it is three
+        times the photograph's usual one, too; a difference that the whole photograph has is its
+        exposure's and does not count.
     """
     height, width = picture.shape[:2]
     if not known.any():
@@ -79,7 +82,9 @@ def doubted_pixels(
     scale = np.where(sure, told, np.float32(1.0))
     apart = _level(ours / scale) - _level(theirs / scale)
     apart -= np.median(apart[sure])
-    bad = sure & (np.abs(apart) > limit)
+    # A surface whose lightness is never quite explained, a glossy one say, is not all wrong.
+    usual = _USUAL_SIGMAS * robust_sigma(apart[sure].astype(np.float64))
+    bad = sure & (np.abs(apart) > max(limit, usual))
     grown = cv2.dilate(bad.astype(np.uint8), np.ones((3, 3), np.uint8))
     return np.asarray(cv2.resize(grown, (width, height), interpolation=cv2.INTER_NEAREST) > 0)
 
