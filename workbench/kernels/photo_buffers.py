@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from workbench.kernels.barycentric import corner_shares
+
 
 @njit(cache=True, nogil=True)
 def interpolated_normals(
@@ -27,22 +29,8 @@ def interpolated_normals(
         if t < 0:
             continue
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        bb, bc, cc, bp, cp = 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(3):
-            u, v = vertices[b, k] - vertices[a, k], vertices[c, k] - vertices[a, k]
-            p = points[i, k] - vertices[a, k]
-            bb += u * u
-            bc += u * v
-            cc += v * v
-            bp += u * p
-            cp += v * p
-        area = bb * cc - bc * bc
-        wb, wc = 1.0 / 3.0, 1.0 / 3.0
-        if area > 0.0:
-            wb = min(max((cc * bp - bc * cp) / area, 0.0), 1.0)
-            wc = min(max((bb * cp - bc * bp) / area, 0.0), 1.0 - wb)
+        wa, wb, wc = corner_shares(points, i, vertices, a, b, c)
         x, y, z = 0.0, 0.0, 0.0
-        wa = 1.0 - wb - wc
         x = wa * normals[a, 0] + wb * normals[b, 0] + wc * normals[c, 0]
         y = wa * normals[a, 1] + wb * normals[b, 1] + wc * normals[c, 1]
         z = wa * normals[a, 2] + wb * normals[b, 2] + wc * normals[c, 2]

@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from workbench.kernels.barycentric import corner_shares
+
 _NONE = -1
 
 
@@ -145,22 +147,9 @@ def corner_colors(
     out = np.empty((len(places), 3), np.float32)
     for i in range(len(places)):
         a, b, c = triangles[triangle[i]]
-        bb, bc, cc, bp, cp = 0.0, 0.0, 0.0, 0.0, 0.0
+        wa, wb, wc = corner_shares(places, i, vertices, a, b, c)
         for k in range(3):
-            u, v = vertices[b, k] - vertices[a, k], vertices[c, k] - vertices[a, k]
-            p = places[i, k] - vertices[a, k]
-            bb += u * u
-            bc += u * v
-            cc += v * v
-            bp += u * p
-            cp += v * p
-        area = bb * cc - bc * bc
-        wb, wc = 1.0 / 3.0, 1.0 / 3.0
-        if area > 0.0:
-            wb = min(max((cc * bp - bc * cp) / area, 0.0), 1.0)
-            wc = min(max((bb * cp - bc * bp) / area, 0.0), 1.0 - wb)
-        for k in range(3):
-            mixed = (1.0 - wb - wc) * colors[a, k] + wb * colors[b, k] + wc * colors[c, k]
+            mixed = wa * colors[a, k] + wb * colors[b, k] + wc * colors[c, k]
             out[i, k] = mixed / 255.0
     return out
 
