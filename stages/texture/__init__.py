@@ -83,6 +83,7 @@ def run(job: Job[TextureOptions]) -> StageResult:
             "photographs": list(photos.names),
             "held_out": list(photos.held),
             "far_m": far,
+            "costs": asdict(_costs(options, far)),
             "image_px": options.image_px,
         },
     )
@@ -93,10 +94,13 @@ def _free_photos(
     job: Job[TextureOptions], poses: Mapping[str, Any]
 ) -> tuple[_Photos, list[Metric]]:
     """Take the flash out of every photograph that is placed."""
+    from workbench.geometry.mesh import edge_census
+
     products, options = job.products, job.options
     masked = set(products.items("photo_masks"))
     flash = products.load("flash")
-    surface = told_surface(products) | {"closed": _closed(products)}
+    surface = told_surface(products)
+    surface["closed"] = edge_census(surface_mesh(products, surface).triangles).watertight
     unlit = set(flash["without_flash"])
     samples = _told_samples(products) if options.depth_from == "samples" else None
     colors = products.content_hash("surface_color") if options.doubt is not None else None
@@ -127,7 +131,7 @@ def _free_photos(
 def _told_samples(products: Products) -> dict[str, Any]:
     """Where the samples are that depth maps are made of."""
     for name in ("sample_cloud", "samples"):
-        if products.load_if_there(name) is not None:
+        if products.is_there(name):
             return {"artefact": name, "hash": products.content_hash(name)}
     raise InputError(
         "there are no samples to make depth maps of",
@@ -140,14 +144,6 @@ def _held_out(names: tuple[str, ...], count: int) -> tuple[str, ...]:
     count = min(count, max(len(names) - 2, 0))
     places = np.linspace(0, len(names), count + 2)[1:-1].astype(int)
     return tuple(names[place] for place in places)
-
-
-def _closed(products: Products) -> bool:
-    """Whether the surface has no holes: what its depth maps do not show is not there."""
-    from workbench.geometry.mesh import edge_census
-
-    mesh = surface_mesh(products, told_surface(products))
-    return edge_census(mesh.triangles).watertight
 
 
 def _rounded(light: Mapping[str, Any] | None) -> dict[str, Any] | None:

@@ -13,15 +13,13 @@ from stages.texture.options import TextureOptions
 from workbench.metrics import Metric
 from workbench.pipeline.photo_surface import surface_mesh, told_camera, told_surface
 from workbench.pipeline.stage import Job, Products
+from workbench.pipeline.stitched_pictures import colored_surface
 
 if TYPE_CHECKING:
-    from workbench.geometry.mesh import TriangleMesh
     from workbench.geometry.textured_mesh import TexturedMesh
     from workbench.texturing.cost_options import CostOptions
     from workbench.texturing.labelling import Labelling
     from workbench.texturing.mesh_texture import TextureReport
-
-_GREY = 128
 
 
 def textured_surface(
@@ -49,7 +47,7 @@ def textured_surface(
         lambda number: np.asarray(products.load("texture_photos", names[number])),
         options.cache_mb << 20,
     )
-    mesh = _with_fallback_colors(surface_mesh(products, told_surface(products)), products)
+    mesh = colored_surface(products, surface_mesh(products, told_surface(products)))
     with job.progress.step("labelling the surface"):
         labelled, labelling = labelled_surface(
             mesh, cameras, cache.get, costs, max_cycles=options.cycles, threads=2
@@ -66,17 +64,6 @@ def textured_surface(
     _save(products, made)
     seconds = (halfway - start, perf_counter() - halfway)
     return _metrics(labelled.labels, labelling, report, seconds, cache.loads)
-
-
-def _with_fallback_colors(mesh: TriangleMesh, products: Products) -> TriangleMesh:
-    """The surface with the blended and inpainted colours, grey where there is none."""
-    from workbench.color.blending_display import encoded_srgb
-
-    told = products.load("surface_color")
-    colors = np.full((len(mesh.vertices), 3), _GREY, np.uint8)
-    known = np.isfinite(told["color"]).all(axis=1)
-    colors[known] = encoded_srgb(told["color"][known], told["space"].item())
-    return mesh.with_attributes(color=colors)
 
 
 def _save(products: Products, made: TexturedMesh) -> None:

@@ -67,12 +67,24 @@ def photographed_albedo(
             _PIXELS_PER_VERTEX / ready.spacing_px(camera),
         )
         camera = reduced_camera(camera, round(share * camera.width), round(share * camera.height))
-        stored = _read(products.load("truth_albedo", name), camera)
-        picture = stored[..., ::-1].astype(np.float32) / np.float32(_FULL)
-        mask = _read(products.load("truth_object", name), camera)
-        photo = ready.weighed(camera, picture, mask == _WHOLLY, weights, options["normal_px"])
+        picture, shown = true_albedo(products, name, camera)
+        photo = ready.weighed(camera, picture, shown, weights, options["normal_px"])
         sums.add(uncorrected(ready.observed(photo), 1.0))
     return np.where(sums.weights[:, None] > 0.0, sums.mean_colors, np.nan)
+
+
+def true_albedo(
+    products: Products, name: str, camera: PhotoCamera
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """A simulated photograph's true albedo (h, w, 3), linear, and where the object is (h, w).
+
+    Parameters
+    ----------
+    camera : of the size wanted.
+    """
+    stored = _read(products.load("truth_albedo", name), camera)
+    picture = stored[..., ::-1].astype(np.float32) / np.float32(_FULL)
+    return picture, np.asarray(_read(products.load("truth_object", name), camera) == _WHOLLY)
 
 
 def _read(path: Path, camera: PhotoCamera) -> NDArray[Any]:

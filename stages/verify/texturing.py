@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.verify.albedo import true_albedo
 from workbench.geometry.labelled_mesh import LabelledMesh
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
@@ -18,12 +19,11 @@ from workbench.pipeline.stitched_pictures import colored_surface
 
 if TYPE_CHECKING:
     from workbench.verification.report_content import Section
-    from workbench.verification.texture_views import HeldOutView
+    from workbench.verification.texture_views import HeldOutView, Pictures
 
 _CACHE_BYTES = 2 << 30
 # With fewer triangles a reconstruction shows nothing.
 _LEAST_TRIANGLES = 2000
-_FULL, _WHOLLY = 65535, 255
 
 
 def texture_chapter(
@@ -36,6 +36,7 @@ def texture_chapter(
     simulated : whether pictures of the true albedo are what renderings are compared with,
         instead of the photographs held out.
     """
+    from workbench.texturing.picture_cache import PictureCache
     from workbench.verification.texture_sections import texture_section
     from workbench.verification.texture_views import view_metrics
 
@@ -49,8 +50,10 @@ def texture_chapter(
         colored = colored_surface(products, surface)
         scene = depth_scene(products, colored)
         foreground = scene.foreground
-        singles = _single_meshes(products, scene, colored, told["far_m"], record["options"])
-        views = _views(products, scene, singles, told, simulated)
+        pictures = PictureCache(scene.picture, _CACHE_BYTES).get
+        cycles = record["options"]["cycles"]
+        singles = _single_meshes(products, scene, colored, pictures, told, cycles)
+        views = _views(products, scene, singles, pictures, told, simulated)
     return (texture_section(record, views, foreground),), view_metrics(views)
 
 
@@ -58,20 +61,19 @@ def _views(
     products: Products,
     scene: DepthScene,
     singles: dict[str, LabelledMesh],
+    pictures: Pictures,
     told: dict[str, Any],
     simulated: bool,
 ) -> list[HeldOutView]:
-    from workbench.texturing.picture_cache import PictureCache
     from workbench.verification.texture_views import held_out_view
 
-    cache = PictureCache(scene.picture, _CACHE_BYTES)
     poses = products.load("photo_poses")["photos"]
     views = []
     for name in told["held_out"]:
         camera = told_camera(poses[name], told["image_px"])
         truth, known, words = _truth(products, name, camera, simulated)
         view = held_out_view(
-            name, camera, truth, known, words, scene.meshes, singles, scene.cameras, cache.get
+            name, camera, truth, known, words, scene.meshes, singles, scene.cameras, pictures
         )
         views += [view] if view is not None else []
     return views
@@ -81,20 +83,12 @@ def _truth(
     products: Products, name: str, camera: PhotoCamera, simulated: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_], str]:
     """What a photograph should show, sRGB-encoded in [0, 1], where that is known, and its name."""
-    import cv2
-
     from workbench.formats.gltf import srgb_from_linear
 
     if simulated and name in products.items("truth_albedo"):
-        size = (camera.width, camera.height)
-        stored, mask = (
-            np.asarray(cv2.imread(str(products.load(kind, name)), cv2.IMREAD_UNCHANGED))
-            for kind in ("truth_albedo", "truth_object")
-        )
-        linear = np.asarray(cv2.resize(stored, size, interpolation=cv2.INTER_AREA))[..., ::-1]
-        whole = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_AREA))
-        truth = srgb_from_linear(linear / np.float32(_FULL)).astype(np.float32) / np.float32(255.0)
-        return truth, np.asarray(whole == _WHOLLY), "the true albedo"
+        linear, shown = true_albedo(products, name, camera)
+        truth = srgb_from_linear(linear).astype(np.float32) / np.float32(255.0)
+        return truth, shown, "the true albedo"
     picture = products.load("texture_photos", name)
     truth = picture[..., :3].astype(np.float32) / np.float32(255.0)
     return truth, picture[..., 3] > 0, "what it shows itself, free of its flash"
@@ -104,36 +98,31 @@ def _single_meshes(
     products: Products,
     scene: DepthScene,
     colored: TriangleMesh,
-    far: float,
-    options: dict[str, Any],
+    pictures: Pictures,
+    told: dict[str, Any],
+    cycles: int,
 ) -> dict[str, LabelledMesh]:
     """One mesh with as many triangles as the depth meshes have in the foreground, made two ways.
 
     Parameters
     ----------
     colored : the model with the colours of its vertices.
+    pictures : of the photographs that texture.
+    told : what the stage ``texture`` says of them.
+    cycles : of α-expansion.
     """
     from workbench.geometry.simplification import simplified
     from workbench.texturing.cost_options import CostOptions
-    from workbench.texturing.picture_cache import PictureCache
     from workbench.texturing.single_mesh import labelled_surface
 
-    costs = CostOptions(
-        far,
-        options["smoothness"],
-        options["distance_weight"],
-        options["orientation_weight"],
-        options["edge_samples"],
-        options["most_candidates"],
-    )
+    costs = CostOptions(**told["costs"])
     meshes = {"simplified": simplified(colored, scene.foreground)}
     samples = products.load_if_there("samples")
     if samples is not None and scene.foreground > _LEAST_TRIANGLES:
         meshes["reconstructed"] = _reconstructed(samples, colored, scene.foreground)
-    cache = PictureCache(scene.picture, _CACHE_BYTES)
     cameras = dict(enumerate(scene.cameras))
     return {
-        way: labelled_surface(mesh, cameras, cache.get, costs, max_cycles=options["cycles"])[0]
+        way: labelled_surface(mesh, cameras, pictures, costs, max_cycles=cycles)[0]
         for way, mesh in meshes.items()
     }
 

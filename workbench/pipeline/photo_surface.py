@@ -26,7 +26,7 @@ _ALL = 254
 
 def told_surface(products: Products) -> dict[str, Any]:
     """Which surface photographs are laid over: the one made of the scans, or the user's own."""
-    if products.load_if_there("surface") is not None:
+    if products.is_there("surface"):
         return {"hash": products.content_hash("surface"), "path": None}
     path = products.input_paths("geometry_file")[0]
     return {"hash": products.input_hash(path), "path": str(path)}

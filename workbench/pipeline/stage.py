@@ -73,10 +73,12 @@ class Products:
 
     def load_if_there(self, name: str, item: str | None = None) -> Any | None:
         """The value of a declared artefact, None where it was left out."""
-        store = self._project.store
-        if self._readable(name) in self._absent or not store.exists(name, item):
-            return None
-        return store.load(name, item)
+        return self._project.store.load(name, item) if self.is_there(name, item) else None
+
+    def is_there(self, name: str, item: str | None = None) -> bool:
+        """Whether a declared artefact was made, and not left out."""
+        there = self._readable(name) not in self._absent
+        return there and self._project.store.exists(name, item)
 
     def items(self, name: str) -> tuple[str, ...]:
         """The items that exist of a declared artefact."""
