@@ -88,12 +88,13 @@ def _of_levels(path: Path, surface: TriangleMesh, up: str, front_deg: float) -> 
 
 def _levels(file: LodFile, surface: TriangleMesh) -> list[LevelFigures]:
     """Levels of a file that pictures can tell apart, coarse to fine."""
-    from workbench.verification.voxel_errors import MeshViews
+    from workbench.verification.voxel_errors import MeshViews, seconds_to_make
     from workbench.verification.voxel_sections import LevelFigures
 
     there = [int(level) for level in np.unique(file.nodes["level"]) if level <= _FINEST_COMPARED]
     views = MeshViews.of(surface, file.grid, max(1 << there[-1], _LEAST_RAYS))
     figures = []
+    seconds_to_make(surface, file, there[0])  # Compiled before the clock counts.
     for level in there:
         nodes = file.nodes[file.nodes["level"] == level]
         figures.append(
@@ -102,6 +103,7 @@ def _levels(file: LodFile, surface: TriangleMesh) -> list[LevelFigures]:
                 int(nodes["voxels"].sum(dtype=np.int64)),
                 len(nodes),
                 float(nodes["stored"].sum(dtype=np.int64)) / 1e6,
+                seconds_to_make(surface, file, level),
                 views.error_of(file, level),
             )
         )

@@ -115,7 +115,14 @@ def test_levels_are_exported_and_a_change_of_mind_leaves_nothing_behind(cli, pro
     assert [row[1] for row in rows] == [
         int(file.nodes["voxels"][file.nodes["level"] == level].sum()) for level in (8, 9)
     ]
-    assert rows[1][4] < 0.8 * rows[0][4]
+    assert rows[1][5] < 0.8 * rows[0][5]
+    # Error stands against bytes and against run time.
+    plots = [block["data"] for block in section["blocks"] if block["kind"] == "plot"]
+    for data, (key, column) in zip(plots, (("megabytes", 3), ("seconds", 4)), strict=True):
+        assert {int(level): tuple(told.values()) for level, told in data.items()} == {
+            row[0]: (pytest.approx(row[column]), pytest.approx(row[5])) for row in rows
+        }
+        assert all(told[key] > 0 for told in data.values())
 
     cli("verify", project, *options("none"))
     assert not made.exists()

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
+from workbench.voxels.lod_export import LodOptions, write_voxel_lod
 from workbench.voxels.lod_file import LodFile
 from workbench.voxels.voxel_set import VoxelGrid
 
@@ -70,6 +74,22 @@ class MeshViews:
             total += float(np.abs(image - wanted)[shown].sum())
             count += float(shown.sum())
         return total / count
+
+
+def seconds_to_make(mesh: TriangleMesh, file: LodFile, level: int) -> float:
+    """Wall time of a file whose finest level this is, without the surface itself.
+
+    Parameters
+    ----------
+    mesh : the surface the file was cut from.
+    file : whose chunks it is made with; one thread.
+    level : of 2**level voxels a side.
+    """
+    options = LodOptions(1 << level, geometry=False, chunk_level=file.chunk_level)
+    with TemporaryDirectory() as folder:
+        start = perf_counter()
+        write_voxel_lod(mesh, Path(folder) / "made.vlod", options)
+        return perf_counter() - start
 
 
 def _rays(count: int, face: int) -> NDArray[np.float32]:

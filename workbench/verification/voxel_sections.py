@@ -38,6 +38,7 @@ class LevelFigures:
     level : of 2**level voxels a side.
     voxels, chunks : how many.
     megabytes : of its chunks, as stored.
+    seconds : to make a file whose finest level it is.
     error : mean difference of pictures from those of the surface, of 255.
     """
 
@@ -45,6 +46,7 @@ class LevelFigures:
     voxels: int
     chunks: int
     megabytes: float
+    seconds: float
     error: float
 
 
@@ -95,7 +97,7 @@ def voxel_section(told: ExportedVoxels) -> Section:
     if told.levels:
         blocks.append(_levels_table(told.levels))
     if len(told.levels) > 1:
-        blocks.append(_levels_plot(told.levels))
+        blocks += _levels_plots(told.levels)
     intro = "The surface as voxels, for viewers that draw large models piece by piece."
     return Section("Voxels", intro, tuple(blocks))
 
@@ -111,6 +113,11 @@ def voxel_metrics(told: ExportedVoxels) -> list[Metric]:
         *(
             Metric(f"voxel_error_{1 << row.level}", row.error, "of 255",
                    f"Pictures of {1 << row.level}³ voxels against those of the surface.")
+            for row in told.levels
+        ),
+        *(
+            Metric(f"voxel_seconds_{1 << row.level}", row.seconds, "s",
+                   f"To cut the surface into {1 << row.level}³ voxels and all coarser ones.")
             for row in told.levels
         ),
     ]  # fmt: skip
@@ -165,23 +172,36 @@ def _levels_table(levels: Sequence[LevelFigures]) -> Table:
         Column("Voxels"),
         Column("Chunks"),
         Column("Size", "MB", 2),
+        Column("Made in", "s", 2),
         Column("Picture error", "of 255", 2),
     )
     rows = tuple(
-        (1 << row.level, row.voxels, row.chunks, row.megabytes, row.error) for row in levels
+        (1 << row.level, row.voxels, row.chunks, row.megabytes, row.seconds, row.error)
+        for row in levels
     )
     caption = (
         "Levels of detail in the file. The error is the mean difference of shaded pictures along "
-        "the axes, 512 pixels a side, from those of the surface itself."
+        "the axes, 512 pixels a side, from those of the surface itself; the time is that of a "
+        "file with this level as its finest, on one thread."
     )
     return Table(columns, rows, caption)
 
 
-def _levels_plot(levels: Sequence[LevelFigures]) -> Plot:
-    points = [TradeoffPoint(str(1 << row.level), row.megabytes, row.error) for row in levels]
-    svg = tradeoff_figure(
-        points, "voxels of the level (MB)", "picture error (of 255)", points[-1].name,
-        name="voxel-levels", alt="Error of pictures of each level against its bytes",
-    )  # fmt: skip
-    data = {row.name: {"megabytes": row.x, "error": row.y} for row in points}
-    return Plot(svg, "What a level costs and how near it is; the finest one is ringed.", data)
+def _levels_plots(levels: Sequence[LevelFigures]) -> list[Plot]:
+    """Error against bytes, and against the time a level takes to make."""
+    plots = []
+    for key, unit, name, what in (
+        ("megabytes", "voxels of the level (MB)", "voxel-levels", "its bytes"),
+        ("seconds", "made in (s)", "voxel-times", "the time to make it"),
+    ):
+        points = [
+            TradeoffPoint(str(1 << row.level), getattr(row, key), row.error) for row in levels
+        ]
+        svg = tradeoff_figure(
+            points, unit, "picture error (of 255)", points[-1].name,
+            name=name, alt=f"Error of pictures of each level against {what}",
+        )  # fmt: skip
+        data = {row.name: {key: row.x, "error": row.y} for row in points}
+        caption = f"How near a level is against {what}; the finest one is ringed."
+        plots.append(Plot(svg, caption, data))
+    return plots
