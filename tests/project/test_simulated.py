@@ -108,11 +108,22 @@ def test_settings_of_photographs_reach_them_and_share_size_and_seed():
         ({"photos": 3}, "photos.flsh.mode=ttl", "photos.flsh"),
         ({"photos": 3}, "photos.flash.mode=strobe", "photos.flash.mode"),
         ({}, "photos.flash.mode=ttl", "No photographs"),
-        ({"photos": 3}, "scene=building", "No flash reaches"),
     ):
         with pytest.raises(SettingsError) as caught:
             simulation_order(given, [text])
         assert words in caught.value.message
+
+
+def test_a_building_is_photographed_by_daylight_unless_told_otherwise():
+    order = simulation_order(
+        {"scene": "building", "photos": 3}, ["photos.path.distance_m=9", "photos.flash.sky=0.5"]
+    )
+    assert order.photos is not None
+    flash, path = order.photos.flash, order.photos.path
+    assert (flash.mode, flash.sky, path.kind, path.distance_m) == ("off", 0.5, "along walls", 9.0)
+    statue = simulation_order({"photos": 3}, []).photos
+    assert statue is not None
+    assert (statue.flash.mode, statue.flash.sky) == ("manual", 0.0)
 
 
 SMALL = (

@@ -192,6 +192,41 @@ def test_power_follows_the_mode(
     assert 0.04 < np.std(np.log(powers("ttl"))) < 0.4
 
 
+def test_daylight_comes_from_above_and_the_sky_shows(
+    ball_scene: Scene, photo_options: Callable[..., PhotoOptions]
+) -> None:
+    options = photo_options(
+        flash={"mode": "off", "ambient_lux": 8000.0, "ambient_color": (1.0, 0.5, 1.0), "sky": 0.7},
+        surface={"surroundings": "none", "indirect_rays": 24},
+        camera={"vignetting_cosine_power": 0.0, "vignetting_corner_loss": 0.0},
+    )
+    photo = photograph(ball_scene, options, 0)
+    assert not photo.metadata.flash_fired
+    assert not photo.shadow_mask.any()
+    assert photo.diffuse is not None
+    assert photo.specular is not None
+    points = pixel_points(photo, ball_scene, options)
+    camera = options.camera
+    level = 0.25 * 8000 / camera.f_number**2 * camera.exposure_time_s * camera.iso / 100 / 0.78
+    up = (points - BALL)[..., 2] / RADIUS
+    inner = (photo.object_mask > 0) & (
+        np.abs(np.linalg.norm(points - BALL, axis=-1) - RADIUS) < 1e-4
+    )
+    expected = (0.5 + 0.5 * up[inner])[:, None] * level * np.array([1.0, 0.5, 1.0])
+    assert np.quantile(np.abs(photo.diffuse[inner] / expected - 1), 0.9) < 0.01
+    assert not photo.specular.any()
+    # A white sky, as the sensor's colours and noise tell it.
+    sensor = studio_of(ball_scene, options).sensor
+    black, white = options.sensor.black_level, options.sensor.white_level
+    share = (photo.mosaic.astype(float) - black) / (white - black)
+    sky = photo.depth == np.inf
+    assert sky.any()
+    for row, column, channel in ((0, 0, 0), (0, 1, 1), (1, 1, 2)):
+        there = share[row::2, column::2][sky[row::2, column::2]]
+        expected_share = min(0.7 * sensor.camera_from_scene[channel].sum(), 1.0)
+        assert np.median(there) == pytest.approx(expected_share, rel=0.02)
+
+
 def test_a_turntable_keeps_the_camera_on_its_circle(
     ball_scene: Scene, photo_options: Callable[..., PhotoOptions]
 ) -> None:

@@ -17,13 +17,12 @@ from workbench.project.project import Project
 from workbench.project.settings import first_problem, load_preset, merged, parse_assignment
 from workbench.synthetic.options import SimulationOptions
 from workbench.synthetic.photo_options import PhotoOptions
+from workbench.synthetic.photo_presets import scene_photo_defaults
 from workbench.synthetic.photo_series import PhotographsElsewhere, write_photos
 from workbench.synthetic.simulation import build_scene
 from workbench.synthetic.writing import is_simulated, write_simulation
 
 _PRESETS = {"statue": "statue", "building": "building"}
-# A flash lights what an arm's length or a room holds, not a façade.
-_BEYOND_A_FLASH = ("building",)
 _PHOTO_PREFIX = "photos."
 
 OptionsT = TypeVar("OptionsT", bound=BaseModel)
@@ -142,17 +141,10 @@ def simulation_order(given: dict[str, Any], settings: Sequence[str]) -> Order:
                 fix="say how many with --photos N, or leave the settings of photographs out",
             )
         return Order(scans, None)
-    if scans.scene in _BEYOND_A_FLASH:
-        raise SettingsError(
-            f"No flash reaches across a {scans.scene}",
-            found=f"--photos {count}",
-            fix="leave --photos out, or choose another scene",
-        )
     shared = {"size": scans.size, "seed": scans.seed, "photos": count}
     wanted = merged(parse_assignment(text, "photos.option=value") for text in about_photos)
-    return Order(
-        scans, _checked(PhotoOptions, merged([shared, wanted.get("photos", {})]), "photos.")
-    )
+    layers = [scene_photo_defaults(scans.scene), shared, wanted.get("photos", {})]
+    return Order(scans, _checked(PhotoOptions, merged(layers), "photos."))
 
 
 def _checked(model: type[OptionsT], plain: dict[str, Any], prefix: str) -> OptionsT:

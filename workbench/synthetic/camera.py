@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from workbench.geometry import transforms
 from workbench.synthetic.photo_options import PathOptions
-from workbench.synthetic.stations import looking_at
+from workbench.synthetic.stations import along_walls, looking_at
 
 # A walk-round alternates between these shares of its swing: neighbours differ in height but
 # never by the whole swing at once.
@@ -37,6 +37,10 @@ def local_from_camera(
     azimuth = 2 * np.pi * (along - turn) + 0.5 * np.pi
     shake = rng.standard_normal(7)
     aim, shift, roll_deg = np.array(focus, float), np.zeros(3), 0.0
+    if options.kind == "along walls":
+        level = along_walls(index, along, options.distance_m, options.aim_sigma_m * shake[:3])
+        level[:3, 3] += options.position_sigma_m * shake[3:6]
+        return _rolled(level, options.roll_sigma_deg * shake[6])
     if options.kind == "walk-round":
         elevation_deg += options.elevation_swing_deg * _SWING[index % len(_SWING)]
         aim += options.aim_sigma_m * shake[:3]
@@ -50,7 +54,11 @@ def local_from_camera(
             np.sin(elevation),
         ]
     )
-    level = looking_at(focus + options.distance_m * way + shift, aim)
+    return _rolled(looking_at(focus + options.distance_m * way + shift, aim), roll_deg)
+
+
+def _rolled(pose: NDArray[np.float64], roll_deg: float) -> NDArray[np.float64]:
+    """A pose turned about its own view axis."""
     roll = transforms.from_twist([0.0, 0.0, np.radians(roll_deg), 0.0, 0.0, 0.0])
-    pose: NDArray[np.float64] = level @ roll
-    return pose
+    turned: NDArray[np.float64] = pose @ roll
+    return turned

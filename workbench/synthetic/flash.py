@@ -70,7 +70,7 @@ def flash_power(options: FlashOptions, distance_ratio: float, rng: np.random.Gen
 
     Parameters
     ----------
-    options : mode and spread.
+    options : mode and spread; 0 where it is off.
     distance_ratio : distance to the subject over the path's nominal one; a metered flash
         makes up for it and errs by about a sixth of a stop.
     rng : draws the same count of numbers in both modes.
@@ -79,7 +79,7 @@ def flash_power(options: FlashOptions, distance_ratio: float, rng: np.random.Gen
     power = np.exp(options.power_sigma * spread)
     if options.mode == "ttl":
         power *= distance_ratio**2 * np.exp(0.12 * metering)
-    return float(power)
+    return float(power) if options.mode != "off" else 0.0
 
 
 def flash_exposure(options: FlashOptions, camera: CameraOptions) -> float:

@@ -174,8 +174,9 @@ class FlashOptions(BaseModel):
     beam_tilt_deg: tuple[float, float] = Field(
         default=(1.5, -1.0), description="Direction of the beam's axis: to the right, downwards."
     )
-    mode: Literal["manual", "ttl"] = Field(
-        default="manual", description="Same power each time, or metered for each photograph."
+    mode: Literal["manual", "ttl", "off"] = Field(
+        default="manual",
+        description="Same power each time, metered for each photograph, or no flash at all.",
     )
     power_sigma: float = Field(
         default=0.01,
@@ -187,11 +188,17 @@ class FlashOptions(BaseModel):
         default=5600.0, ge=3000.0, le=9000.0, description="Correlated colour temperature."
     )
     ambient_lux: float = Field(
-        default=3.0, ge=0.0, le=1e5, description="Light that leaks into the dark room, from above."
+        default=3.0,
+        ge=0.0,
+        le=1e5,
+        description="Light that leaks into the dark room, from above; or the daylight.",
+    )
+    sky: Share = Field(
+        default=0.0, description="Level of what is behind all things; 1 is the full scale."
     )
     ambient_color: Vector = Field(
         default=(1.35, 1.0, 0.5),
-        description="Linear RGB of the leaking light relative to the flash.",
+        description="Linear RGB of that light relative to the flash.",
     )
 
 
@@ -228,12 +235,16 @@ class PathOptions(BaseModel):
 
     model_config = _FROZEN
 
-    kind: Literal["walk-round", "turntable"] = Field(
+    kind: Literal["walk-round", "turntable", "along walls"] = Field(
         default="walk-round",
-        description="A hand-held camera carried round, or a tripod before a turning object.",
+        description="A hand-held camera carried round, a tripod before a turning object, or a "
+        "walk along the walls of a building.",
     )
     distance_m: float = Field(
-        default=2.0, gt=0.05, le=1000.0, description="From the camera to the object's middle."
+        default=2.0,
+        gt=0.05,
+        le=1000.0,
+        description="From the camera to the object's middle, or to the walls.",
     )
     turns: int = Field(default=1, ge=1, le=50, description="Rounds, each at its own height.")
     elevations_deg: tuple[float, ...] = Field(

@@ -263,7 +263,7 @@ def _view(studio: Studio, shot: _Shot) -> View:
     exposure = flash_exposure(options.flash, camera) * flash.power
     is_photo, is_even = shot.kind == "photo", shot.kind in ("flat", "linearity")
     vertex_light = None
-    if is_photo and studio.exchange is not None:
+    if is_photo and flash.power > 0.0 and studio.exchange is not None:
         vertex_light = studio.exchange.vertex_light(flash, exposure)
     sigma2 = np.radians(options.surface.oren_nayar_sigma_deg) ** 2 if is_photo else 0.0
     rough = np.array([1 - 0.5 * sigma2 / (sigma2 + 0.33), 0.45 * sigma2 / (sigma2 + 0.09)])
@@ -276,6 +276,7 @@ def _view(studio: Studio, shot: _Shot) -> View:
         flash=flash,
         exposure=exposure,
         ambient=ambient_exposure(options.flash, camera) * np.array(options.flash.ambient_color),
+        sky=options.flash.sky,
         vertex_light=vertex_light,
         oren_nayar=rough,
         varnish=options.surface.varnish,
@@ -313,7 +314,7 @@ def _metadata(studio: Studio, shot: _Shot) -> DngMetadata:
         focal_length_mm=camera.focal_length_mm,
         pixel_pitch_mm=camera.pixel_pitch_mm,
         focal_length_35mm=round(camera.focal_length_mm * 36.0 / camera.sensor_long_side_mm),
-        flash_fired=True,
+        flash_fired=studio.options.flash.mode != "off",
     )
 
 

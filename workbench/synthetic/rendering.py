@@ -38,6 +38,7 @@ class View:
     flash : in the local frame.
     exposure : level of a white diffuser that faces the flash at 1 m; 1 is the full scale.
     ambient : (3,) level of a white diffuser under the ambient light.
+    sky : level behind all things.
     vertex_light : (n, 3) float32 level of light bounced once, at the subject's vertices.
     oren_nayar : (2,) factors A and B of the diffuse reflection.
     varnish : strength of specular reflection.
@@ -52,6 +53,7 @@ class View:
     flash: Flash
     exposure: float
     ambient: NDArray[np.float64]
+    sky: float
     vertex_light: NDArray[np.float32] | None
     oren_nayar: NDArray[np.float64]
     varnish: float
@@ -244,16 +246,17 @@ def _strip(
     skip: int,
     rows: int,
 ) -> Strip:
-    light = (totals[:, :3] / counts[:, None]).reshape(*shape, 3)
+    seen = totals[:, 10:13].sum(axis=1)
+    behind = view.sky * (counts - seen)
+    light = ((totals[:, :3] + behind[:, None]) / counts[:, None]).reshape(*shape, 3)
     if view.blur_sigma_px > 0.0:
         for axis in (0, 1):
             light = gaussian_filter1d(light, view.blur_sigma_px, axis=axis, mode="nearest")
     keep = slice(skip, skip + rows)
-    hits = np.maximum(totals[:, 10:13].sum(axis=1), 1.0)
+    hits = np.maximum(seen, 1.0)
     means = (totals[:, 3:10] / hits[:, None]).reshape(*shape, 7)[keep]
     half = 0.5 * counts
-    seen = totals[:, 10:13].sum(axis=1)
-    shadow = (seen >= half) & (totals[:, 13] < 0.5 * seen)
+    shadow = (seen >= half) & (totals[:, 13] < 0.5 * seen) & (view.flash.power > 0.0)
     return Strip(
         light=light[keep],
         albedo=means[..., :3],
