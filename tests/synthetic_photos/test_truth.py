@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from workbench.geometry import transforms
 from workbench.synthetic import Scene
+from workbench.synthetic.camera import local_from_camera
 from workbench.synthetic.flash import Flash
-from workbench.synthetic.photo_options import PhotoOptions
+from workbench.synthetic.photo_options import PathOptions, PhotoOptions
 from workbench.synthetic.photography import Photograph, photograph, studio_of
 
 BALL, RADIUS = np.array([0.0, 0.0, 0.6]), 0.3
@@ -287,3 +289,22 @@ def test_strips_do_not_show(
     cut = photograph(ball_scene, options, 1)
     for name in ("object_mask", "support_mask", "shadow_mask", "albedo", "diffuse", "specular"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(cut, name))
+
+
+def test_a_walk_along_walls_turns_round_the_corners_without_a_leap() -> None:
+    options = PathOptions(
+        kind="along walls", distance_m=12.0, turns=2, position_sigma_m=0.0, aim_sigma_m=0.0,
+        roll_sigma_deg=0.0,
+    )  # fmt: skip
+    rng = np.random.default_rng(0)
+    poses = [local_from_camera(np.zeros(3), options, 80, k, rng) for k in range(80)]
+    for number, pose in enumerate(poses):
+        assert pose[2, 3] == (1.7 if number < 40 else 12.0)
+        # Never nearer to the outline of 30 × 20 m than it should be, nor further away.
+        beyond = np.maximum(np.abs(pose[:2, 3]) - [15.0, 10.0], 0.0)
+        assert np.linalg.norm(beyond) == pytest.approx(12.0)
+        middle = -pose[:2, 3] @ pose[:2, 2]
+        assert middle > 0
+    for one, other in itertools.pairwise(poses[:40]):
+        assert np.linalg.norm(other[:2, 3] - one[:2, 3]) < 7.0
+        assert one[:3, 2] @ other[:3, 2] > np.cos(np.radians(25.0))

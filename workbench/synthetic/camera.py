@@ -6,12 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry import transforms
+from workbench.synthetic.building import DEPTH_M, LENGTH_M
 from workbench.synthetic.photo_options import PathOptions
-from workbench.synthetic.stations import along_walls, looking_at
+from workbench.synthetic.stations import looking_at
 
 # A walk-round alternates between these shares of its swing: neighbours differ in height but
 # never by the whole swing at once.
 _SWING = (-1.0, 0.0, 1.0, 0.0)
+
+
+# Height of the camera and of what it is aimed at, round by round along walls: on foot, by drone.
+_HEIGHTS_M = ((1.7, 4.2), (12.0, 6.0))
+# Part of the way along walls that is spent on turning round each corner.
+_CORNER_SHARE = 0.1
 
 
 def local_from_camera(
@@ -38,8 +45,13 @@ def local_from_camera(
     shake = rng.standard_normal(7)
     aim, shift, roll_deg = np.array(focus, float), np.zeros(3), 0.0
     if options.kind == "along walls":
-        level = along_walls(index, along, options.distance_m, options.aim_sigma_m * shake[:3])
-        level[:3, 3] += options.position_sigma_m * shake[3:6]
+        foot, outward = _along_walls(along - turn)
+        eye, target = _HEIGHTS_M[turn % len(_HEIGHTS_M)]
+        place = [*(foot + options.distance_m * outward), eye]
+        level = looking_at(
+            place + options.position_sigma_m * shake[3:6],
+            np.array([*foot, target]) + options.aim_sigma_m * shake[:3],
+        )
         return _rolled(level, options.roll_sigma_deg * shake[6])
     if options.kind == "walk-round":
         elevation_deg += options.elevation_swing_deg * _SWING[index % len(_SWING)]
@@ -62,3 +74,30 @@ def _rolled(pose: NDArray[np.float64], roll_deg: float) -> NDArray[np.float64]:
     roll = transforms.from_twist([0.0, 0.0, np.radians(roll_deg), 0.0, 0.0, 0.0])
     turned: NDArray[np.float64] = pose @ roll
     return turned
+
+
+def _along_walls(share: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The place on the building's outline (2,) that is looked at, and the way (2,) back from it.
+
+    The path goes along the walls and in quarter circles round the corners: where it turned at
+    once, neighbouring photographs would show nothing in common.
+
+    Parameters
+    ----------
+    share : of the way round, in [0, 1), from the left end of the front.
+    """
+    lengths = np.array([LENGTH_M, DEPTH_M, LENGTH_M, DEPTH_M])
+    lengths *= (1.0 - 4.0 * _CORNER_SHARE) / lengths.sum()
+    starts = np.concatenate([[0.0], np.cumsum(lengths + _CORNER_SHARE)])
+    side = min(int(np.searchsorted(starts, share, side="right")) - 1, 3)
+    step = share - starts[side]
+    half = 0.5 * np.array([LENGTH_M, DEPTH_M])
+    turned = 0.5 * np.pi * side
+    heading = np.round([np.cos(turned), np.sin(turned)])
+    outward = np.array([heading[1], -heading[0]])
+    start = half * (outward - heading)
+    end = half * (outward + heading)
+    if step <= lengths[side]:
+        return start + (end - start) * step / lengths[side], outward
+    bend = 0.5 * np.pi * (step - lengths[side]) / _CORNER_SHARE
+    return end, np.cos(bend) * outward + np.sin(bend) * heading

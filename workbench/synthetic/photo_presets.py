@@ -17,7 +17,7 @@ _BUILDING: dict[str, Any] = {
                "exposure_time_s": 1 / 125},
     "flash": {"mode": "off", "ambient_lux": 15000.0, "ambient_color": (1.0, 1.0, 1.0), "sky": 0.9},
     "surface": {"surroundings": "none", "indirect_rays": 0},
-    "path": {"kind": "along walls", "distance_m": 12.0, "turns": 1, "position_sigma_m": 0.4,
+    "path": {"kind": "along walls", "distance_m": 12.0, "turns": 2, "position_sigma_m": 0.4,
              "aim_sigma_m": 0.5},
     "charts": {"linearity_distances_m": ()},
 }  # fmt: skip

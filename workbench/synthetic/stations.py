@@ -44,7 +44,7 @@ def local_from_scan(
     aim = scene.focus + rng.uniform(-1, 1, 3) * stations.aim_spread_m
     share = (index + rng.uniform(-0.1, 0.1)) / options.scans
     if options.scene == "building":
-        return along_walls(index, share, distance, aim - scene.focus)
+        return _outdoors(index, share, distance, aim - scene.focus)
     if options.scene == "plane":
         elevation = 90.0 - _PLANE_TILTS_DEG[index % len(_PLANE_TILTS_DEG)]
     elif options.scene == "thin-sheet":
@@ -64,22 +64,10 @@ def local_from_scan(
     return looking_at(aim + distance * way, aim)
 
 
-def along_walls(
+def _outdoors(
     index: int, share: float, distance: float, jitter: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """A tripod (each fifth station: a lift) on a path round the building, facing its walls.
-
-    Parameters
-    ----------
-    index : of the station.
-    share : of the way round that it stands at.
-    distance : from the walls, metres.
-    jitter : (3,) of the point it is aimed at, metres.
-
-    Returns
-    -------
-    4×4 pose in the scene's local frame; x right, y down, z forward.
-    """
+    """A tripod (each fifth station: a lift) on a path round the building, facing its walls."""
     half = np.array([0.5 * LENGTH_M, 0.5 * DEPTH_M])
     sides = np.array([LENGTH_M, DEPTH_M, LENGTH_M, DEPTH_M])
     along = (share % 1.0) * sides.sum()
