@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,11 @@ class VerifyOptions(StageOptions):
     samples: int = Field(
         200_000, ge=1000, le=50_000_000, description="Surface samples for the comparisons."
     )
+    texture_sizes_px: tuple[Annotated[int, Field(ge=16, le=4096)], ...] = Field(
+        (64, 128, 192),
+        description="Sizes of depth maps at which labelling is timed, where photographs are held "
+        "out; [] leaves that out.",
+    )
 
 
 def needed(scene: Scene, options: VerifyOptions) -> Need:
@@ -98,7 +103,10 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     metrics += found
     colors, found = _colors(job, surface, known)
     metrics += found
-    texture, found = texture_chapter(products, surface, known.model_from_world is not None)
+    with job.progress.step("texture"):
+        texture, found = texture_chapter(
+            products, surface, known.model_from_world is not None, options.texture_sizes_px
+        )
     metrics += found
     with job.progress.step("voxels"):
         voxels, found = voxel_chapter(products, surface, up=options.up, front_deg=options.front_deg)

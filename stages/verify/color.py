@@ -67,11 +67,13 @@ def color_chapter(
     colors, provenance = told["color"], told["color_provenance"]
     options = record["options"]
     blends = _less_corrected(products, surface, flash, options)
-    even = None
-    if model_from_world is not None:
-        names = tuple(flash["gains"])
-        even = photographed_albedo(products, surface, model_from_world, names, options)
-    found = _against_truth(products, surface, truth, told, space, blends, even)
+    even, found = None, None
+    # Without a flash to take out colours keep the light there was: albedo is not their truth.
+    if flash["light"] is not None:
+        if model_from_world is not None:
+            names = tuple(flash["gains"])
+            even = photographed_albedo(products, surface, model_from_world, names, options)
+        found = _against_truth(products, surface, truth, told, space, blends, even)
     sides = FourSides.of(surface, up, width_px, front_deg)
     views = {side: sides.views[side] for side in _SHOWN_SIDES}
     shown = np.full((n, 3), UNKNOWN_COLOR, np.uint8)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +28,7 @@ _LEAST_TRIANGLES = 2000
 
 
 def texture_chapter(
-    products: Products, surface: TriangleMesh, simulated: bool
+    products: Products, surface: TriangleMesh, simulated: bool, sizes_px: Sequence[int] = ()
 ) -> tuple[tuple[Section, ...], list[Metric]]:
     """The section on texturing, where photographs texture the surface.
 
@@ -35,8 +36,11 @@ def texture_chapter(
     ----------
     simulated : whether pictures of the true albedo are what renderings are compared with,
         instead of the photographs held out.
+    sizes_px : of depth maps at which labelling is timed, where photographs are held out.
     """
+    from workbench.texturing.cost_options import CostOptions
     from workbench.texturing.picture_cache import PictureCache
+    from workbench.verification.texture_scaling import ScalingPoint, scaling_points
     from workbench.verification.texture_sections import texture_section
     from workbench.verification.texture_views import view_metrics
 
@@ -45,6 +49,7 @@ def texture_chapter(
         return (), []
     record = products.load("records", "texture")
     views: list[HeldOutView] = []
+    scaling: list[ScalingPoint] = []
     foreground = 0
     if told["held_out"] and products.items("depth_meshes"):
         colored = colored_surface(products, surface)
@@ -54,7 +59,9 @@ def texture_chapter(
         cycles = record["options"]["cycles"]
         singles = _single_meshes(products, scene, colored, pictures, told, cycles)
         views = _views(products, scene, singles, pictures, told, simulated)
-    return (texture_section(record, views, foreground),), view_metrics(views)
+        costs = CostOptions(**told["costs"])
+        scaling = scaling_points(colored, scene.cameras, pictures, costs, cycles, sizes_px)
+    return (texture_section(record, views, foreground, scaling),), view_metrics(views)
 
 
 def _views(
@@ -68,10 +75,11 @@ def _views(
     from workbench.verification.texture_views import held_out_view
 
     poses = products.load("photo_poses")["photos"]
+    unlit = set(products.load("flash")["without_flash"])
     views = []
     for name in told["held_out"]:
         camera = told_camera(poses[name], told["image_px"])
-        truth, known, words = _truth(products, name, camera, simulated)
+        truth, known, words = _truth(products, name, camera, simulated, name in unlit)
         view = held_out_view(
             name, camera, truth, known, words, scene.meshes, singles, scene.cameras, pictures
         )
@@ -80,18 +88,22 @@ def _views(
 
 
 def _truth(
-    products: Products, name: str, camera: PhotoCamera, simulated: bool
+    products: Products, name: str, camera: PhotoCamera, simulated: bool, unlit: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_], str]:
-    """What a photograph should show, sRGB-encoded in [0, 1], where that is known, and its name."""
+    """What a photograph should show, sRGB-encoded in [0, 1], where that is known, and its name.
+
+    Textures of photographs taken without a flash keep the light there was: albedo is no truth.
+    """
     from workbench.formats.gltf import srgb_from_linear
 
-    if simulated and name in products.items("truth_albedo"):
+    if simulated and not unlit and name in products.items("truth_albedo"):
         linear, shown = true_albedo(products, name, camera)
         truth = srgb_from_linear(linear).astype(np.float32) / np.float32(255.0)
         return truth, shown, "the true albedo"
     picture = products.load("texture_photos", name)
     truth = picture[..., :3].astype(np.float32) / np.float32(255.0)
-    return truth, picture[..., 3] > 0, "what it shows itself, free of its flash"
+    words = "what it shows itself" + ("" if unlit else ", free of its flash")
+    return truth, picture[..., 3] > 0, words
 
 
 def _single_meshes(

@@ -273,6 +273,44 @@ def tradeoff_figure(
     return inline_svg(figure, name, alt or f"{y_label} against {x_label} of {len(points)} settings")
 
 
+def line_figure(
+    name: str,
+    series: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    x_label: str,
+    y_label: str,
+    alt: str,
+) -> str:
+    """A line per series over one quantity, both axes logarithmic.
+
+    Parameters
+    ----------
+    name, alt
+        see the module.
+    series
+        label → ((n,) values > 0 of the quantity, (n,) values > 0).
+    x_label, y_label
+        quantity and unit.
+    """
+    from matplotlib.figure import Figure
+
+    with page_style():
+        figure = Figure(figsize=(_WIDTH, 3.3), layout="constrained")
+        axes = figure.add_subplot()
+        for k, (label, (x, y)) in enumerate(series.items()):
+            color = SERIES[k % len(SERIES)]
+            axes.plot(np.asarray(x), np.asarray(y), marker="o", markersize=4, color=color,
+                      linewidth=1.4, label=_short(label))  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(_plain_ticks())
+        axes.set_xlabel(x_label)
+        axes.set_ylabel(y_label)
+        if series:
+            figure.legend(loc="outside upper left", ncols=2)
+    return inline_svg(figure, name, alt)
+
+
 def pareto_front(x: ArrayLike, y: ArrayLike) -> NDArray[np.intp]:
     """Indices, by rising x, of the points no other point beats in both (less is better)."""
     xs, ys = np.asarray(x, float), np.asarray(y, float)

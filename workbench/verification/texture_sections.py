@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.verification.figures import line_figure
 from workbench.verification.quantities import shown_number, shown_percent
 from workbench.verification.report_content import (
     Block,
@@ -16,10 +17,12 @@ from workbench.verification.report_content import (
     Paragraph,
     Picture,
     PictureRow,
+    Plot,
     Section,
     Table,
     TextList,
 )
+from workbench.verification.texture_scaling import ScalingPoint
 from workbench.verification.texture_views import WAYS, HeldOutView
 
 _SHOWN_WAYS = ("stitched", "z-buffered", "overwritten", "simplified")
@@ -33,6 +36,7 @@ def texture_section(
     record: Mapping[str, Any],
     views: Sequence[HeldOutView],
     foreground: int,
+    scaling: Sequence[ScalingPoint] = (),
 ) -> Section:
     """The chapter on texturing.
 
@@ -41,6 +45,7 @@ def texture_section(
     record : of the stage ``texture``.
     views : of photographs held out; none where none were.
     foreground : triangles of the depth meshes that their own photographs texture.
+    scaling : both ways of labelling, timed at several sizes; none where that was left out.
     """
     said = {metric["name"]: metric["value"] for metric in record["metrics"]}
     blocks: list[Block] = [Paragraph(_in_words(said))]
@@ -59,6 +64,8 @@ def texture_section(
             )
         )
     blocks.append(_labels_table(said))
+    if scaling:
+        blocks.append(_scaling_plot(scaling))
     return Section(
         "Texture", "Which photograph shows where, and how good a rendering is.", tuple(blocks)
     )
@@ -170,6 +177,33 @@ def _steps_table(views: Sequence[HeldOutView]) -> Table:
         "and after levelling, and elsewhere, which is the paint’s own."
     )
     return Table(columns, rows, caption)
+
+
+def _scaling_plot(points: Sequence[ScalingPoint]) -> Plot:
+    triangles = [point.triangles for point in points]
+    series = {
+        "depth meshes": (triangles, [point.depth_meshes_s for point in points]),
+        "one mesh of as many triangles": (triangles, [point.one_mesh_s for point in points]),
+    }
+    svg = line_figure(
+        "texture-scaling", series, "triangles", "labelled in (s)",
+        "Time of labelling many depth meshes and one mesh against their triangles",
+    )  # fmt: skip
+    data = {
+        str(point.size_px): {
+            "triangles": point.triangles,
+            "depth meshes, s": point.depth_meshes_s,
+            "one mesh, s": point.one_mesh_s,
+        }
+        for point in points
+    }
+    sizes = ", ".join(str(point.size_px) for point in points)
+    return Plot(
+        svg,
+        f"Candidates, costs and labels with depth maps of {sizes} pixels, on one thread, the "
+        "photographs in memory (Arikan et al., fig. 8).",
+        data,
+    )
 
 
 def _labels_table(said: Mapping[str, Any]) -> Table:
