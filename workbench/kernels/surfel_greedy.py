@@ -21,7 +21,7 @@ def farthest_first(
     first: int,
     normals: NDArray[np.float32] | None = None,
     opposite: float = 0.0,
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int32]]:
     """The greedy permutation's first ``count`` points, exactly.
 
     Points lie along a Morton curve, in leaves of 32 under a tree of eight children a node; each
@@ -49,8 +49,9 @@ def farthest_first(
     Returns
     -------
     picks : (k,) rows in order.
-    reach : (k,) distance of each to the nearest before it, infinite for the first: no point is
-        farther than ``reach[k]`` from the first k.
+    reach : (k + 1,) the largest distance of any point to the first i picks at i, infinite at 0;
+        it is the distance of pick i to those before it, too.
+    owner : (n,) the pick that is nearest to each point, by its place in the order.
     """
     order, centered = _along_morton_curve(points)
     sided = opposite > 0.0 and normals is not None
@@ -65,8 +66,12 @@ def farthest_first(
     squared = np.empty(len(picks), np.float32)
     place = int(np.flatnonzero(order == first)[0])
     square = np.float32(opposite * opposite if sided else 0.0)
-    taken = _take(columns, across, square, starts, boxes, place, picks, squared)
-    return order[picks[:taken]], np.sqrt(squared[:taken].astype(np.float64))
+    along = np.empty(len(points), np.int32)
+    taken, last = _take(columns, across, square, starts, boxes, place, picks, squared, along)
+    owner = np.empty_like(along)
+    owner[order] = along
+    reach = np.sqrt(np.append(squared[:taken], last).astype(np.float64))
+    return order[picks[:taken]], reach, owner
 
 
 def _along_morton_curve(
@@ -152,7 +157,13 @@ def _fill_boxes(
 # No distance is NaN, and only so the running maximum fits the vector registers.
 @njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
 def _nearer(
-    columns: NDArray[np.float32], left: NDArray[np.float32], low: int, high: int, pick: int
+    columns: NDArray[np.float32],
+    left: NDArray[np.float32],
+    owner: NDArray[np.int32],
+    number: np.int32,
+    low: int,
+    high: int,
+    pick: int,
 ) -> np.float32:
     """Bring a leaf's squared distances to a new pick down; the largest that is left."""
     x, y, z = columns[0], columns[1], columns[2]
@@ -160,7 +171,9 @@ def _nearer(
     largest = np.float32(0.0)
     for i in range(low, high):
         dx, dy, dz = x[i] - px, y[i] - py, z[i] - pz
-        left[i] = min(left[i], dx * dx + dy * dy + dz * dz)
+        squared = dx * dx + dy * dy + dz * dz
+        owner[i] = number if squared < left[i] else owner[i]
+        left[i] = min(left[i], squared)
         largest = max(largest, left[i])
     return largest
 
@@ -171,6 +184,8 @@ def _nearer_same_side(
     across: NDArray[np.float32],
     opposite: np.float32,
     left: NDArray[np.float32],
+    owner: NDArray[np.int32],
+    number: np.int32,
     low: int,
     high: int,
     pick: int,
@@ -184,7 +199,9 @@ def _nearer_same_side(
     for i in range(low, high):
         dx, dy, dz = x[i] - px, y[i] - py, z[i] - pz
         away = max(np.float32(0.0), -(u[i] * pu + v[i] * pv + w[i] * pw))
-        left[i] = min(left[i], dx * dx + dy * dy + dz * dz + opposite * away * away)
+        squared = dx * dx + dy * dy + dz * dz + opposite * away * away
+        owner[i] = number if squared < left[i] else owner[i]
+        left[i] = min(left[i], squared)
         largest = max(largest, left[i])
     return largest
 
@@ -244,8 +261,12 @@ def _take(
     first: int,
     picks: NDArray[np.int64],
     squared: NDArray[np.float32],
-) -> int:
-    """Fill the picks and their squared distances to those before; how many there are."""
+    owner: NDArray[np.int32],
+) -> tuple[int, np.float32]:
+    """Fill the picks, their squared distances to those before and the pick nearest to each point.
+
+    Returns how many picks there are and the largest squared distance that is left.
+    """
     points, levels = columns.shape[1], len(starts) - 1
     left = np.full(points, np.float32(np.inf), np.float32)
     top = np.full(starts[levels], np.float32(np.inf), np.float32)
@@ -254,16 +275,18 @@ def _take(
     pick, distance = first, np.float32(np.inf)
     for i in range(len(picks)):
         if distance == 0.0:
-            return i
+            return i, distance
         picks[i], squared[i] = pick, distance
         _touched(columns, starts, boxes, top, pick, nodes, ends)
         for k in range(ends[1], ends[0]):
             low = nodes[k] * _LEAF
             high = min(low + _LEAF, points)
             if across.shape[1]:
-                top[nodes[k]] = _nearer_same_side(columns, across, opposite, left, low, high, pick)
+                top[nodes[k]] = _nearer_same_side(
+                    columns, across, opposite, left, owner, np.int32(i), low, high, pick
+                )
             else:
-                top[nodes[k]] = _nearer(columns, left, low, high, pick)
+                top[nodes[k]] = _nearer(columns, left, owner, np.int32(i), low, high, pick)
         for level in range(1, levels):
             for k in range(ends[level + 1], ends[level]):
                 low = starts[level - 1] + (nodes[k] - starts[level]) * _FAN
@@ -275,4 +298,4 @@ def _take(
         low = node * _LEAF
         pick = low + np.argmax(left[low : min(low + _LEAF, points)])
         distance = left[pick]
-    return len(picks)
+    return len(picks), distance

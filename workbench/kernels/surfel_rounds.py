@@ -5,6 +5,8 @@ Brandt et al. 2019, Rendering of Complex Heterogenous Scenes using Progressive B
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -72,7 +74,7 @@ def farthest_of_rounds(
         most = min(1 + rounds // grow_every, drawn)
         limit = near * distance[:drawn].max() * np.sqrt(taken / wanted)
         for _ in range(most):
-            s = np.argmax(distance[:drawn])
+            s = int(np.argmax(distance[:drawn]))
             if taken == wanted or not distance[s] > 0.0:
                 break
             picks[taken], reach[taken] = pool[s], distance[s]
@@ -113,7 +115,8 @@ def _mixed(state: np.uint64) -> np.uint64:
 
 @njit(cache=True, nogil=True)
 def _bucket(x: int, y: int, z: int, buckets: int) -> int:
-    return ((x * _PRIMES[0]) ^ (y * _PRIMES[1]) ^ (z * _PRIMES[2])) & (buckets - 1)
+    mixed = (x * _PRIMES[0]) ^ (y * _PRIMES[1]) ^ (z * _PRIMES[2])
+    return int(mixed & (buckets - 1))
 
 
 @njit(cache=True, nogil=True)
@@ -170,11 +173,11 @@ def _gap(
                         )
             sure = inner + ring * cell
             if best <= sure * sure:
-                return np.sqrt(best)
+                return math.sqrt(best)
     for i in range(taken):
         p = points[picks[i]]
         best = min(best, (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2)
-    return np.sqrt(best)
+    return math.sqrt(best)
 
 
 @njit(cache=True, nogil=True)

@@ -20,12 +20,17 @@ class SurfelOrder:
     ----------
     picks : (k,) int64 rows of the points.
     reach : (k,) float64 distance of each to the nearest before it when it was taken, infinite
-        for the first. In the exact order no point at all is farther than ``reach[k]`` from
-        the first k: discs of that radius cover everything.
+        for the first. In the exact order no point at all is farther than ``reach[i]`` from
+        the first i: discs of that radius cover everything.
+    rest : the same for all k: no point is farther than this from the nearest pick; NaN where
+        the order does not tell.
+    owner : (n,) int32 for each point the place in the order of the pick nearest to it, or None.
     """
 
     picks: NDArray[np.int64]
     reach: NDArray[np.float64]
+    rest: float = float("nan")
+    owner: NDArray[np.int32] | None = None
 
     def __len__(self) -> int:
         return len(self.picks)
@@ -70,8 +75,9 @@ def exact_order(
         (n, 3) unit, for ``opposite``.
     opposite
         Distance between points of one place whose normals are opposite, in the unit of the
-        points. It keeps both sides of a thin wall apart, as the way round its edge would: what
-        lies straight through the wall is far. Normals up to a right angle apart change nothing.
+        points: what lies straight through a thin wall is far, as it is by the way round the edge
+        of the wall. As soon as the spacing is below this, both sides have points of their own.
+        Normals up to a right angle apart change nothing.
 
     Raises
     ------
@@ -86,11 +92,12 @@ def exact_order(
             "The distance of opposite sides makes no sense.",
             expected="0 or more",
             found=str(opposite),
-            fix="Leave it at 0, or give about the thickness of parts that must not be mixed up.",
+            fix="Leave it at 0, or give a share of the object's size.",
         )
     first = int(np.random.default_rng(seed).integers(len(points)))
     rows = np.ascontiguousarray(points, np.float64)
-    return SurfelOrder(*farthest_first(rows, count, first, normals, opposite))
+    picks, reach, owner = farthest_first(rows, count, first, normals, opposite)
+    return SurfelOrder(picks, reach[:-1], float(reach[-1]), owner)
 
 
 def progressive_order(

@@ -1,0 +1,196 @@
+"""Surfels drawn as oriented discs: what each pixel shows, and a picture of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workbench.errors import InputError
+from workbench.geometry.photo_camera import PhotoCamera
+from workbench.geometry.point_set import PointSet
+from workbench.geometry.transforms import apply
+from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
+from workbench.kernels.surfel_discs import NO_DISC, blend_discs, draw_discs
+
+_BACKGROUND = (255, 255, 255, 0)
+_STONE = np.array([206, 200, 190], np.uint8)
+_AMBIENT = 0.25
+# To the light, in the camera's frame: from above, left, and behind the viewer.
+_LIGHT = (-0.5, -0.8, -0.7)
+
+
+@dataclass(frozen=True)
+class DiscView:
+    """What the pixels of a camera show, rows first.
+
+    Attributes
+    ----------
+    depth : (h, w) float64 along the camera's z, infinite where nothing is.
+    number : (h, w) int32 row of the surfel, ``NO_DISC`` where there is none.
+    """
+
+    depth: NDArray[np.float64]
+    number: NDArray[np.int32]
+
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        """(h, w) whether there is a surfel."""
+        return np.asarray(self.number != NO_DISC)
+
+
+def disc_view(
+    surfels: PointSet, radius: float | NDArray[np.floating], camera: PhotoCamera
+) -> DiscView:
+    """Draw surfels as opaque discs (Brandt 2019, 4.2).
+
+    Parameters
+    ----------
+    surfels
+        With unit normals; which way these point does not matter.
+    radius
+        Of all, or (n,) of each, in the unit of the surfels.
+    camera
+        A pinhole camera in their frame.
+
+    Raises
+    ------
+    InputError
+        Surfels without normals, or a camera with another lens.
+    """
+    if surfels.normals is None:
+        raise InputError(
+            "Points without normals cannot be drawn as discs.",
+            expected="a unit normal for each",
+            fix="Export them as surfels first: that finds their normals.",
+        )
+    discs = _discs(surfels, radius, camera)
+    shape = (camera.height, camera.width)
+    depth = np.full(shape, np.inf)
+    number = np.full(shape, NO_DISC, np.int32)
+    draw_discs(*discs, pinhole(camera), 0, depth, number)
+    return DiscView(depth, number)
+
+
+def _discs(
+    surfels: PointSet, radius: float | NDArray[np.floating], camera: PhotoCamera
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (n, 3), normals (n, 3) and radii (n,) in the camera's frame."""
+    if surfels.normals is None:
+        raise InputError(
+            "Points without normals cannot be drawn as discs.",
+            expected="a unit normal for each",
+            fix="Export them as surfels first: that finds their normals.",
+        )
+    centers = apply(camera.camera_from_world, surfels.points)
+    normals = surfels.normals.astype(np.float64) @ camera.camera_from_world[:3, :3].T
+    radii = np.broadcast_to(np.asarray(radius, np.float64), (len(surfels),)).copy()
+    return np.ascontiguousarray(centers), np.ascontiguousarray(normals), radii
+
+
+def pinhole(camera: PhotoCamera) -> tuple[float, float, float, float]:
+    """Focal lengths and principal point of a camera without distortion, pixels.
+
+    Raises
+    ------
+    InputError
+        The camera has another lens.
+    """
+    if camera.model == "PINHOLE":
+        fx, fy, cx, cy = camera.params
+    elif camera.model == "SIMPLE_PINHOLE":
+        fx, cx, cy = camera.params
+        fy = fx
+    else:
+        raise InputError(
+            "Discs are drawn through a pinhole only.",
+            expected="PINHOLE or SIMPLE_PINHOLE",
+            found=camera.model,
+            fix="Undistort the photograph, or draw without its distortion.",
+        )
+    return float(fx), float(fy), float(cx), float(cy)
+
+
+def disc_picture(
+    surfels: PointSet,
+    radius: float | NDArray[np.floating],
+    camera: PhotoCamera,
+    *,
+    blended: bool = True,
+) -> NDArray[np.uint8]:
+    """A picture (h, w, 4), sRGB, of surfels lit by one light; alpha 0 where nothing is.
+
+    Parameters
+    ----------
+    surfels, radius, camera
+        As in `disc_view`.
+    blended
+        Discs that overlap on one surface mix in linear light, as the paper suggests (4.2);
+        without, each pixel shows the nearest alone.
+    """
+    view = disc_view(surfels, radius, camera)
+    image = np.empty((*view.number.shape, 4), np.uint8)
+    image[:] = _BACKGROUND
+    seen = view.covered
+    if not seen.any() or surfels.normals is None:
+        return image
+    colors = np.broadcast_to(_STONE, (len(surfels), 3)) if surfels.color is None else surfels.color
+    light = lit(colors, surfels.normals, camera)
+    if blended:
+        sums = np.zeros((*view.number.shape, 4))
+        lens = pinhole(camera)
+        blend_discs(*_discs(surfels, radius, camera), lens, view.depth, light, sums)
+        linear = sums[seen, :3] / sums[seen, 3:]
+    else:
+        linear = light[view.number[seen]]
+    image[seen, :3] = srgb_of_light(linear)
+    image[seen, 3] = 255
+    return image
+
+
+def lit(
+    color: NDArray[np.uint8], normals: NDArray[np.floating], camera: PhotoCamera
+) -> NDArray[np.float64]:
+    """Linear light (n, 3) of surfaces with sRGB colours and unit normals (n, 3) before a camera.
+
+    Normals may point either way: what is seen is what faces the viewer.
+    """
+    along = np.asarray(normals, np.float64) @ camera.camera_from_world[:3, :3].T
+    light = np.array(_LIGHT) / np.linalg.norm(_LIGHT)
+    facing = np.where(along[:, 2] > 0.0, -1.0, 1.0) * (along @ light)
+    bright = _AMBIENT + (1.0 - _AMBIENT) * np.clip(facing, 0.0, 1.0)
+    return np.asarray(LINEAR_OF_BYTE[color] * bright[:, None])
+
+
+def srgb_of_light(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Bytes, sRGB-encoded, of linear light in 0 … 1."""
+    clipped = np.clip(linear, 0.0, 1.0)
+    encoded = np.where(
+        clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1.0 / 2.4) - 0.055
+    )
+    return np.rint(255.0 * encoded).astype(np.uint8)
+
+
+def pixel_size(bounds: NDArray[np.float64], camera: PhotoCamera) -> float:
+    """Side of a pixel at the place of a box that is nearest to the camera (Brandt 2019, 4.1).
+
+    Parameters
+    ----------
+    bounds
+        (2, 3) lower and upper corner.
+    camera
+        A pinhole camera.
+
+    Returns
+    -------
+    In the unit of the box; 0 for a camera inside it.
+    """
+    nearest = np.clip(camera.center, bounds[0], bounds[1])
+    fx, fy, _, _ = pinhole(camera)
+    return float(np.linalg.norm(nearest - camera.center)) / max(fx, fy)
+
+
+def surfel_radius(bounds: NDArray[np.float64], camera: PhotoCamera, size_px: float) -> float:
+    """The radius of surfels that are ``size_px`` across at the nearest place of a box."""
+    return 0.5 * size_px * pixel_size(bounds, camera)
