@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from tests.pointcodecs.cubes import shell
 from workbench.errors import InputError, SettingsError
 from workbench.kernels.morton import morton_codes
 from workbench.pointcodecs.attribute_bytes import normal_bytes, normals_of
-from workbench.pointcodecs.codecs import CODECS
+from workbench.pointcodecs.codecs import CODECS, PointCodec
 from workbench.pointcodecs.cube_file import PointCubeFile, read_point_cubes, write_point_cubes
 from workbench.pointcodecs.cube_layout import HEADER, index_bytes
 from workbench.pointcodecs.point_cells import CellFrame, PointCells
@@ -118,6 +119,34 @@ def test_cubes_are_read_alone_from_their_own_bytes(tmp_path, surface):
     np.testing.assert_array_equal(in_morton_order(PointCubeFile(path).read(rows)).cells, part.cells)
     with pytest.raises(InputError, match="damaged"):
         read_point_cubes(path)
+
+
+def test_threads_may_read_cubes_side_by_side(tmp_path):
+    corners = 256 * np.argwhere(np.ones((2, 2, 2), bool))
+    copies = (shell(6, thick=False) + corners[:, None]).reshape(-1, 3).astype(np.int32)
+    frame = CellFrame(np.zeros(3), 1.0, 9)
+    write_point_cubes(tmp_path / "a.pcube", painted(copies, frame), "context")
+    file = PointCubeFile(tmp_path / "a.pcube")
+
+    with ThreadPoolExecutor(4) as pool:
+        parts = list(pool.map(file.read, np.arange(len(file))[:, None]))
+
+    whole = file.read()
+    assert len(file) == 8
+    for name in ("cells", "color", "normals"):
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_array_equal(joined, getattr(whole, name))
+
+
+def test_more_points_than_fit_the_memory_are_told(small_file, monkeypatch):
+    def no_room(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(PointCodec, "decoded", no_room)
+
+    with pytest.raises(InputError, match="memory") as caught:
+        read_point_cubes(small_file)
+    assert caught.value.fix == "Read fewer cubes at a time."
 
 
 def test_a_header_is_laid_out_as_told(small_file):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ BUNNY = ("stanford-bunny", "reference", "bun_zipper.ply")
 IGEA = ("meshes", "igea.ply")
 
 
+@lru_cache(maxsize=4)
 def voxels_of(path: Path, level: int) -> VoxelSet:
     """Of the surface in a file."""
     mesh = read_surface(path)

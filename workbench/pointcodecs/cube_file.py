@@ -208,41 +208,54 @@ class PointCubeFile:
     def read(self, cubes: NDArray[np.int64] | None = None) -> PointCells:
         """The cells of some cubes, by their rows in the index, or of all.
 
-        Cubes come in the order of the rows, the cells of each in that of the codec.
+        Cubes come in the order of the rows, the cells of each in that of the codec. The kernels
+        let go of the interpreter: threads may read cubes of one file side by side.
         """
-        layout = self.layout
+        flags = self.layout.flags
         rows = np.arange(len(self)) if cubes is None else np.asarray(cubes, np.int64)
-        records = layout.cubes[rows]
-        starts = np.concatenate([[0], np.cumsum(records["points"], dtype=np.int64)])
         try:
             with open(self.path, "rb") as file:
                 geometry = self._section(file, "geometry", rows)
-                color = self._section(file, "color", rows) if layout.flags & COLORED else []
-                normal = self._section(file, "normal", rows) if layout.flags & NORMALS else []
+                color = self._section(file, "color", rows) if flags & COLORED else None
+                normal = self._section(file, "normal", rows) if flags & NORMALS else None
         except OSError as error:
             raise refused(self.path, "The file cannot be read.", str(error)) from error
-        bytes_at = np.concatenate([[0], np.cumsum([len(part) for part in geometry])])
-        counts = np.diff(starts).tolist()
         try:
-            local = layout.codec.decoded(
-                b"".join(geometry), bytes_at.astype(np.int64), starts, layout.cube_level
-            )
-            colors = [colors_of(data, n) for data, n in zip(color, counts, strict=bool(color))]
-            normals = [normals_of(data, n) for data, n in zip(normal, counts, strict=bool(normal))]
+            return self._cells(rows, geometry, color, normal)
         except InputError as error:
             raise refused(self.path, error.message, error.found or "") from error
+        except MemoryError as error:
+            raise InputError(
+                "The points of the file are more than the memory holds.",
+                file=self.path,
+                found=f"{self.layout.cubes['points'][rows].sum(dtype=np.int64)} points",
+                fix="Read fewer cubes at a time.",
+            ) from error
+
+    def _cells(
+        self,
+        rows: NDArray[np.int64],
+        geometry: list[bytes],
+        color: list[bytes] | None,
+        normal: list[bytes] | None,
+    ) -> PointCells:
+        """The cells of cubes from their bytes."""
+        layout = self.layout
+        counts = layout.cubes["points"][rows].astype(np.int64)
+        local = layout.codec.decoded(
+            b"".join(geometry),
+            _running([len(part) for part in geometry]),
+            _running(counts),
+            layout.cube_level,
+        )
         cells = local + np.repeat(self.places[rows], counts, axis=0)
         if len(cells) and cells.max() >= 1 << layout.frame.level:
             raise refused(self.path, "Cells lie outside the grid of the file.", f"{cells.max()}")
         return PointCells(
             layout.frame,
             cells,
-            np.concatenate([np.zeros((0, 3), np.float32), *normals])
-            if layout.flags & NORMALS
-            else None,
-            np.concatenate([np.zeros((0, 3), np.uint8), *colors])
-            if layout.flags & COLORED
-            else None,
+            _unpacked(normal, counts, normals_of, np.float32),
+            _unpacked(color, counts, colors_of, np.uint8),
         )
 
     def _section(self, file: BinaryIO, name: str, rows: NDArray[np.int64]) -> list[bytes]:
@@ -258,6 +271,24 @@ class PointCubeFile:
                 raise refused(self.path, "A cube of the file is damaged.", "a wrong checksum")
             parts.append(data)
         return parts
+
+
+def _running(sizes: list[int] | NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where parts of some sizes begin, one after another, and where the last ends."""
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+
+def _unpacked(
+    parts: list[bytes] | None,
+    counts: NDArray[np.int64],
+    unpack: Callable[[bytes, int], NDArray[Any]],
+    kind: type[np.generic],
+) -> NDArray[Any] | None:
+    """Attributes (n, 3) of cubes, where a file has them."""
+    if parts is None:
+        return None
+    values = [unpack(part, int(count)) for part, count in zip(parts, counts, strict=True)]
+    return np.concatenate([np.zeros((0, 3), kind), *values])
 
 
 def read_point_cubes(path: Path, cubes: NDArray[np.int64] | None = None) -> PointCells:

@@ -79,7 +79,7 @@ class CubeLayout:
             if name == section:
                 break
             at += int(sizes.sum())
-        return at + np.concatenate([[0], np.cumsum(sizes)])
+        return np.asarray(at + np.concatenate([[0], np.cumsum(sizes)]), np.int64)
 
     @property
     def index_offset(self) -> int:
