@@ -7,6 +7,19 @@ of the others it is known whether their parents are occupied. Neighbours are rea
 of each level, three or five at a time. The list that comes out is in the same order, ready to
 be the parents of the next level.
 
+Five contexts tell the chance of a child. Neighbours before it are known; those after it are
+known by their parents, the child's own among them, which counts as occupied:
+
+1. the 13 neighbours before it, and which of the eight it is;
+2. those of them that share a face or an edge in its row or in its plane's rows, and the parents
+   of nine neighbours after it;
+3. neighbours before it across faces, nine cells two steps before it, the parents of neighbours
+   after it across faces, and one neighbour more;
+4. the neighbours of its parent across faces, which of the eight it is, and the neighbours of 2;
+5. how many are occupied of the 13, of the nine, and of the parents of 2.
+
+The numbers of 5 also choose the weights with which the five are added up.
+
 A bitmap holds (side + 4)² rows of side / 8 + 3 bytes: two empty rows and a byte around the
 cells spare every test for the border.
 """
@@ -72,6 +85,32 @@ def _neighbourhoods(
             bits |= (_around(bitmap, near, parents[i, 0]) >> 1 & 7) << 3 * k
         found[i] = bits
     return found
+
+
+@njit(cache=True, nogil=True)
+def _parents_beside(near: int) -> int:
+    """The six neighbours across faces among the 27 bits of a parent's neighbourhood."""
+    return (
+        (near >> 12 & 1) | (near >> 14 & 1) << 1 | (near >> 16 & 1) << 2
+        | (near >> 10 & 1) << 3 | (near >> 22 & 1) << 4 | (near >> 4 & 1) << 5
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _parents_ahead(near: int, dx: int, dy: int, dz: int) -> int:
+    """The parents of nine neighbours after child ``dx, dy, dz``, from its parent's 27 bits.
+
+    From the lowest bit on: (0, 1, 0), (0, 0, 1), (1, 0, 0), (0, 1, 1), (0, −1, 1), (1, 1, 0),
+    (1, 0, 1), (−1, 1, 0) and (−1, 0, 1).
+    """
+    # Where the row above (y + 1), that behind (z + 1) and others have their three bits.
+    up, back = near >> 12 + 3 * dy & 7, near >> 12 + 9 * dz & 7
+    both = near >> 13 + 3 * dy + 9 * dz & 1
+    back_and_down = near >> 13 + 9 * dz - 3 * (1 - dy) & 1
+    beside = near >> 13 + dx & 1
+    ahead = (up >> 1 & 1) | (back >> 1 & 1) << 1 | beside << 2 | both << 3 | back_and_down << 4
+    ahead |= (up >> 1 + dx & 1) << 5 | (back >> 1 + dx & 1) << 6
+    return ahead | (up >> dx & 1) << 7 | (back >> dx & 1) << 8
 
 
 @njit(cache=True, nogil=True)
@@ -168,11 +207,6 @@ def _code_row(
 ) -> int:
     """The children in one row; ``here`` is its byte in the bitmaps."""
     dy, dz = y & 1, z & 1
-    # Rows of parents of the row above (y + 1), the plane behind (z + 1), and both, as
-    # shifts of `known`: the own parent's where they share it.
-    above, behind = 12 + 3 * dy, 12 + 9 * dz
-    both = 12 + 3 * dy + 9 * dz
-    behind_below = 12 + 9 * dz - 3 * (1 - dy)
     for k in range(first, end):
         parent_x = parents[k, 0]
         near = np.int64(known[k])
@@ -186,26 +220,13 @@ def _code_row(
         front_2 = _around(bitmap, here - 2 * plane_step, x)
         front_below_2 = _around(bitmap, here - plane_step - 2 * row_step, x)
         front_above_2 = _around(bitmap, here - plane_step + 2 * row_step, x)
-        sides = (
-            (near >> 12 & 1) | (near >> 14 & 1) << 1 | (near >> 16 & 1) << 2
-            | (near >> 10 & 1) << 3 | (near >> 22 & 1) << 4 | (near >> 4 & 1) << 5
-        )  # fmt: skip
         for dx in range(2):
             corner = dx | dy << 1 | dz << 2
             if corner == 7 and not filled[k]:
                 # A parent has at least one child.
                 bit = 1
             else:
-                to_come = 1 if dx == 0 else near >> 14 & 1
-                up, back = near >> above & 7, near >> behind & 7
-                ahead = (
-                    (up >> 1 & 1) | (back >> 1 & 1) << 1 | to_come << 2
-                    | (near >> both + 1 & 1) << 3 | (near >> behind_below + 1 & 1) << 4
-                )  # fmt: skip
-                right = 1 + dx
-                left = dx
-                ahead |= (up >> right & 1) << 5 | (back >> right & 1) << 6
-                ahead |= (up >> left & 1) << 7 | (back >> left & 1) << 8
+                ahead = _parents_ahead(near, dx, dy, dz)
                 b, f = below >> dx, front >> dx
                 before = (
                     (own >> 1 & 1) | (b >> 1 & 7) << 1 | (front_below >> 1 + dx & 7) << 4
@@ -225,7 +246,7 @@ def _code_row(
                     before | corner << 13,
                     _SECOND + (edges | ahead << 7),
                     _THIRD + (faces | beyond << 3 | (ahead & 7) << 12 | (f >> 3 & 1) << 15),
-                    _FOURTH + (sides | corner << 6 | edges << 9),
+                    _FOURTH + (_parents_beside(near) | corner << 6 | edges << 9),
                     _FIFTH + (met | np.int64(_ONES[beyond]) << 4 | awaited << 8),
                 )
                 chosen = 3 * awaited + (0 if met < 2 else (1 if met < 5 else 2))

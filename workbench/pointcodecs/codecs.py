@@ -35,6 +35,8 @@ _WHAT_IS_WRONG = {
 }
 # Kernels look at up to three bytes at once.
 _BEYOND = 3
+# An arithmetic coder has at most four bytes in hand, and ends with as few as tell its last bits.
+_UNWRITTEN = 4
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class PointCodec:
     ----------
     name, number : on the command line, and in files.
     cube_level : cubes have 2**cube_level positions a side where the grid is as large.
-    most_points_per_byte : no sound bytes hold more.
+    most_points_per_byte : that a stream without an end holds.
     """
 
     name: str
@@ -107,7 +109,7 @@ class PointCodec:
         self._check_level(level)
         counts, sizes = np.diff(starts), np.diff(bytes_at)
         possible = (counts >= 0) & (counts <= 1 << 3 * level) & (sizes >= 0)
-        possible &= counts <= (sizes + 1) * self.most_points_per_byte
+        possible &= counts <= self.most_points(sizes)
         if not possible.all() or bytes_at[-1] > len(data):
             cube = int(np.argmin(possible))
             raise _damaged(cube, f"{counts[cube]} points in {sizes[cube]} bytes")
@@ -121,6 +123,10 @@ class PointCodec:
         if len(wrong):
             raise _damaged(int(wrong[0]), _WHAT_IS_WRONG[int(status[wrong[0]])])
         return points
+
+    def most_points(self, sizes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """More points than cubes of so many bytes (c,) can hold are not worth a try."""
+        return (sizes + _UNWRITTEN) * self.most_points_per_byte
 
     def _check_level(self, level: int) -> None:
         if not 1 <= level <= self.cube_level:

@@ -188,7 +188,7 @@ def _check_cubes(path: Path, layout: CubeLayout, header: Any) -> None:
     if (codes[1:] <= codes[:-1]).any() or int(codes[-1]) >> 3 * across:
         raise refused(path, "The index names cubes out of order or outside the grid.", "a code")
     counts = cubes["points"].astype(np.int64)
-    possible = (cubes["geometry_bytes"].astype(np.int64) + 1) * codec.most_points_per_byte
+    possible = codec.most_points(cubes["geometry_bytes"].astype(np.int64))
     if (counts < 1).any() or (counts > np.minimum(possible, 1 << 3 * layout.cube_level)).any():
         raise refused(path, "The index names more points than there are.", f"{counts.max()}")
     if layout.index_offset != int(header["index_offset"]):
