@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 
 _BYTE, _UINT, _FLOAT = 5121, 5125, 5126
@@ -87,6 +88,30 @@ def write_glb(
         file.write(struct.pack("<II", parts.size, _BINARY_CHUNK))
         for block in parts.blocks:
             file.write(block)
+
+
+def read_glb_description(path: Path) -> dict[str, Any]:
+    """The JSON part of a GLB file.
+
+    Raises
+    ------
+    InputError
+        It is none, or its end is missing.
+    """
+    try:
+        with open(path, "rb") as file:
+            magic, _, total, size, kind = struct.unpack("<4sIIII", file.read(20))
+            text = file.read(size)
+        if magic != b"glTF" or kind != _JSON_CHUNK or len(text) < size:
+            raise ValueError("it does not begin as one")
+        if total > path.stat().st_size:
+            raise ValueError("its end is missing")
+        told: dict[str, Any] = json.loads(text)
+    except (OSError, ValueError, struct.error) as error:
+        raise InputError(
+            "The file is no GLB.", file=path, found=str(error), fix="export the surface again"
+        ) from error
+    return told
 
 
 class GlbParts:

@@ -1,0 +1,214 @@
+"""A model as a folder of static files that any web server hands out, without code of its own.
+
+``index.html`` with its scripts, ``scene.json`` and ``data/``. The scene says, in JSON: ``version``
+(1); ``name``, ``unit``, ``up`` (x, y or z); ``origin`` (3 numbers), which added to local
+coordinates gives the user's; ``bounds`` (two corners, local); ``home`` with ``eye``, ``to``
+(local) and ``fov`` (degrees over the height); ``light``, how it is lit first (none or camera);
+``modes``, the forms of the model with ``mode``, ``kind``, ``label``, ``file``, ``bytes``,
+``items``, ``unit``, ``told`` and what else the script of a kind asks for; and ``left_out``, those
+that are not there, with ``mode``, ``label`` and ``reason``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from dataclasses import asdict, dataclass
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workbench.errors import InputError
+from workbench.formats.atomic import replacing
+from workbench.formats.surface_files import read_surface
+from workbench.pipeline.progress import Progress
+from workbench.project.hashing import FileHashes, hash_of_value
+from workbench.project.project import Project
+from workbench.viewer.makers import REPRESENTATIONS
+from workbench.viewer.representations import Made, Representation, SiteOptions
+
+SCENE, DATA = "scene.json", "data"
+# Whatever changes the bytes that makers write.
+_MAKERS = 1
+_FOV_DEG = 35.0
+# The camera's first place: this far round from the front, this far up, degrees.
+_AZIMUTH_DEG, _ELEVATION_DEG = -60.0, 15.0
+_UP = "z"
+
+
+@dataclass(frozen=True)
+class Site:
+    """What was made.
+
+    Attributes
+    ----------
+    folder : of the site.
+    scene : as ``scene.json`` has it.
+    """
+
+    folder: Path
+    scene: dict[str, Any]
+
+    @property
+    def bytes(self) -> int:
+        """Of all its files."""
+        return sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
+
+
+def build_site(project: Project, options: SiteOptions, progress: Progress) -> Site:
+    """The site of a project in its ``work/view``; forms whose sources did not change are kept.
+
+    Raises
+    ------
+    InputError
+        The project exported no surface.
+    """
+    folder = project.root / "work" / "view"
+    hashes = project.hashes
+    modes, left_out, kept = [], [], set()
+    for form in REPRESENTATIONS:
+        if not all(project.store.exists(name) for name in form.sources):
+            left_out.append({"mode": form.mode, "label": form.label, "reason": form.missing})
+            continue
+        key = _key(project, hashes, form, options)
+        place = folder / DATA / f"{form.mode}-{key}"
+        if not (place / "made.json").exists():
+            with progress.step(f"{form.label.lower()} for the browser"):
+                _make(project, form, place, options)
+        made = json.loads((place / "made.json").read_text(encoding="utf-8"))
+        modes.append(_entry(form, place, made))
+        kept.add(place.name)
+    if not modes:
+        raise InputError(
+            "There is nothing of this project to show.",
+            file=project.root,
+            fix=f"workbench export {project.root}",
+        )
+    hashes.save()
+    _remove_others(folder / DATA, kept)
+    copy_page(folder)
+    scene = {
+        "version": 1,
+        "name": project.name,
+        "unit": "m",
+        "up": _UP,
+        **_placed(project),
+        "light": "none" if modes[0]["mode"] == "textured" else "camera",
+        "modes": modes,
+        "left_out": left_out,
+    }
+    with replacing(folder / SCENE) as partial:
+        partial.write_text(json.dumps(scene, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return Site(folder, scene)
+
+
+def publish(site: Site, out: Path) -> Site:
+    """Copy a site to a folder of its own; an older site there is replaced once all is copied.
+
+    Raises
+    ------
+    InputError
+        Something else is there.
+    """
+    out = out.resolve()
+    if out.exists() and not (out.is_dir() and ((out / SCENE).exists() or not any(out.iterdir()))):
+        raise InputError(
+            "There is something else already.",
+            file=out,
+            expected="no folder, an empty one, or an older site",
+            fix="choose another folder, or remove it",
+        )
+    partial, old = out.with_name(f".{out.name}.partial"), out.with_name(f".{out.name}.old")
+    for leftover in (partial, old):
+        shutil.rmtree(leftover, ignore_errors=True)
+    shutil.copytree(site.folder, partial, ignore=shutil.ignore_patterns("made.json"))
+    if out.exists():
+        os.replace(out, old)
+    os.replace(partial, out)
+    shutil.rmtree(old, ignore_errors=True)
+    return Site(out, site.scene)
+
+
+def copy_page(folder: Path) -> None:
+    """The page and its scripts, as this version has them."""
+    _copied(resources.files("workbench.viewer").joinpath("static"), folder)
+
+
+def _copied(source: Traversable, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for entry in source.iterdir():
+        if entry.is_dir():
+            _copied(entry, folder / entry.name)
+        else:
+            with replacing(folder / entry.name) as partial:
+                partial.write_bytes(entry.read_bytes())
+
+
+def _key(project: Project, hashes: FileHashes, form: Representation, options: SiteOptions) -> str:
+    """What a form is made of and how, in a short name."""
+    files = [path for name in form.sources for path in project.store.paths(name)]
+    content = [hashes.of_file(path) for path in files]
+    told = [_MAKERS, form.mode, content, form.settings(options)]
+    return hash_of_value(told).rpartition(":")[2][:12]
+
+
+def _make(project: Project, form: Representation, place: Path, options: SiteOptions) -> None:
+    """Write a form's files beside, then rename: a folder that is there is whole."""
+    partial = place.with_name(f".{place.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    made = form.make(project.store, partial, options)
+    (partial / "made.json").write_text(json.dumps(asdict(made)), encoding="utf-8")
+    shutil.rmtree(place, ignore_errors=True)
+    os.replace(partial, place)
+
+
+def _entry(form: Representation, place: Path, told: dict[str, Any]) -> dict[str, Any]:
+    made = Made(**told)
+    files = [path for path in place.rglob("*") if path.is_file() and path.name != "made.json"]
+    return {
+        "mode": form.mode,
+        "kind": form.kind,
+        "label": form.label,
+        "file": f"{DATA}/{place.name}/{form.file}",
+        "bytes": sum(path.stat().st_size for path in files),
+        "items": made.items,
+        "unit": made.unit,
+        "told": made.told,
+        **made.facts,
+    }
+
+
+def _remove_others(folder: Path, kept: set[str]) -> None:
+    for place in folder.iterdir():
+        if place.name not in kept:
+            shutil.rmtree(place, ignore_errors=True)
+
+
+def _placed(project: Project) -> dict[str, Any]:
+    """Origin, bounds and the first view of a project's surface."""
+    store = project.store
+    name = next((n for n in ("surface_ply", "surface_glb") if store.exists(n)), "textured_glb")
+    vertices = read_surface(store.path(name)).vertices
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    origin = 0.5 * (low + high)
+    size = high - low
+    return {
+        "origin": origin.tolist(),
+        "bounds": [(low - origin).tolist(), (high - origin).tolist()],
+        "home": {"eye": _first_eye(size).tolist(), "to": [0.0, 0.0, 0.0], "fov": _FOV_DEG},
+    }
+
+
+def _first_eye(size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) from where a box of a size (3,) around the origin is wholly seen."""
+    away = 0.5 * float(np.linalg.norm(size)) / np.sin(0.5 * np.radians(_FOV_DEG))
+    azimuth, elevation = np.radians(_AZIMUTH_DEG), np.radians(_ELEVATION_DEG)
+    flat = np.cos(elevation)
+    way = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    return away * way
