@@ -110,6 +110,10 @@ def test_cubes_are_read_alone_from_their_own_bytes(tmp_path, surface):
     given = in_morton_order(surface.chosen(np.array(inside)))
     np.testing.assert_array_equal(part.cells, given.cells)
     np.testing.assert_array_equal(part.color, given.color)
+    mask = np.isin(np.arange(len(file)), rows)
+    np.testing.assert_array_equal(in_morton_order(file.read(mask)).cells, part.cells)
+    nothing = file.read(np.zeros(len(file), bool))
+    assert (len(nothing), nothing.color.shape, nothing.normals.shape) == (0, (0, 3), (0, 3))
     # All other bytes of the geometry may be anything.
     data = bytearray(path.read_bytes())
     offsets = file.layout.offsets("geometry")

@@ -205,14 +205,16 @@ class PointCubeFile:
         side = frame.cell_size * (1 << self.layout.cube_level)
         return np.flatnonzero(((corner <= high) & (corner + side >= low)).all(axis=1))
 
-    def read(self, cubes: NDArray[np.int64] | None = None) -> PointCells:
-        """The cells of some cubes, by their rows in the index, or of all.
+    def read(self, cubes: NDArray[np.int64] | NDArray[np.bool_] | None = None) -> PointCells:
+        """The cells of some cubes, by their rows in the index or a mask of it, or of all.
 
         Cubes come in the order of the rows, the cells of each in that of the codec. The kernels
         let go of the interpreter: threads may read cubes of one file side by side.
         """
         flags = self.layout.flags
-        rows = np.arange(len(self)) if cubes is None else np.asarray(cubes, np.int64)
+        rows = np.arange(len(self))
+        if cubes is not None:
+            rows = rows[cubes]
         try:
             with open(self.path, "rb") as file:
                 geometry = self._section(file, "geometry", rows)
@@ -291,7 +293,9 @@ def _unpacked(
     return np.concatenate([np.zeros((0, 3), kind), *values])
 
 
-def read_point_cubes(path: Path, cubes: NDArray[np.int64] | None = None) -> PointCells:
+def read_point_cubes(
+    path: Path, cubes: NDArray[np.int64] | NDArray[np.bool_] | None = None
+) -> PointCells:
     """The cells of a file, or of some of its cubes; `PointCells.point_set` makes them points.
 
     Raises
