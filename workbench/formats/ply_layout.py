@@ -18,7 +18,7 @@ from workbench.errors import InputError
 
 ByteOrder = Literal["<", ">"]
 
-_LONGEST_HEADER = 1 << 20
+LONGEST_HEADER = 1 << 20
 
 SCALAR_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
@@ -141,12 +141,12 @@ def parse_header(data: bytes, path: Path) -> PlyHeader:
             found=repr(data[:8]),
             fix="Check the file; perhaps its extension is wrong.",
         )
-    end = re.search(rb"[\r\n]end_header[ \t]*", data[:_LONGEST_HEADER])
+    end = re.search(rb"[\r\n]end_header[ \t]*", data[:LONGEST_HEADER])
     if end is None:
         raise InputError(
             "The PLY header does not end.",
             file=path,
-            where=f"byte {min(len(data), _LONGEST_HEADER)}",
+            where=f"byte {min(len(data), LONGEST_HEADER)}",
             expected="end_header",
             fix="The file was cut short: copy or export it again.",
         )

@@ -1,0 +1,91 @@
+"""Points for tests of point files, and files with damage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from workbench.errors import InputError
+from workbench.geometry.point_set import PointSet, joined
+
+
+def some_points(n: int, seed: int = 0, offset=(0.0, 0.0, 0.0), attributes: bool = True) -> PointSet:
+    """Points on a wavy sheet of some metres, with everything a point can have."""
+    random = np.random.default_rng(seed)
+    points = random.uniform(-2, 2, (n, 3))
+    points[:, 2] = 0.3 * np.sin(3 * points[:, 0]) + 0.001 * points[:, 2]
+    if not attributes:
+        return PointSet(points + offset)
+    normals = random.normal(size=(n, 3)).astype(np.float32)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    color = random.integers(0, 256, (n, 3), dtype=np.uint8)
+    radius = random.permutation(n) / 1024
+    return PointSet(points + offset, normals, color, radius.astype(np.float32))
+
+
+def assert_same(found: PointSet, expected: PointSet, tolerance: float) -> None:
+    """The same points in whatever order; attributes to the bit.
+
+    Points are paired by their radius, different for each of ``some_points``; where they have
+    none, each must have one of the others beside it.
+    """
+    assert len(found) == len(expected)
+    assert found.arrays().keys() == expected.arrays().keys()
+    if expected.radius is None:
+        for one, other in ((found, expected), (expected, found)):
+            far, _ = cKDTree(one.points).query(other.points, p=np.inf)
+            assert far.max() <= tolerance
+        return
+    a, b = np.argsort(found.radius), np.argsort(expected.radius)
+    for name, values in expected.arrays().items():
+        if name == "points":
+            assert np.abs(found.points[a] - values[b]).max() <= tolerance
+        else:
+            np.testing.assert_array_equal(found.arrays()[name][a], values[b])
+
+
+def check_damage(
+    path: Path,
+    read: Callable[[Path], Iterator[PointSet]],
+    *,
+    tries: int,
+    seed: int = 5,
+    lengths: int = 40,
+) -> int:
+    """Cut a file short and flip its bits; returns how often that went unnoticed.
+
+    Reading must end in an InputError that names the file, or in points.
+    """
+    data = path.read_bytes()
+    random = np.random.default_rng(seed)
+    damaged = path.with_name("damaged-" + path.name)
+    cases = [data[: int(n)] for n in np.linspace(0, len(data) - 1, lengths)]
+    for k in range(tries):
+        broken = bytearray(data)
+        # Half of the flips hit the head, where sizes and counts are.
+        end = min(len(data), 1200) if k % 2 else len(data)
+        for at in random.integers(0, end, random.integers(1, 4)):
+            broken[at] ^= 1 << int(random.integers(8))
+        cases.append(bytes(broken))
+    unnoticed = 0
+    for case in cases:
+        damaged.write_bytes(case)
+        refusal = _refusal(read, damaged)
+        unnoticed += refusal is None
+        if isinstance(refusal, InputError):
+            assert refusal.file == str(damaged)
+            assert refusal.fix
+        elif refusal is not None:
+            assert "no points" in str(refusal)
+    return unnoticed
+
+
+def _refusal(read: Callable[[Path], Iterator[PointSet]], path: Path) -> Exception | None:
+    try:
+        joined([*read(path)])
+    except (InputError, ValueError) as error:
+        return error
+    return None

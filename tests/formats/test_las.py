@@ -1,0 +1,136 @@
+"""LAS and LAZ files, against laspy and against damage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from tests.formats.point_fixtures import assert_same, check_damage, some_points
+from workbench.errors import InputError, SettingsError
+from workbench.formats.las_reading import las_batches
+from workbench.formats.las_writing import write_las
+from workbench.formats.point_stream import BATCH_POINTS, slices_of, surveyed
+from workbench.geometry.point_set import PointSet, joined
+
+_KINDS = [(0, "1.2"), (2, "1.2"), (3, "1.2"), (5, "1.3"), (6, "1.4"), (8, "1.4")]
+UTM = (431_000.0, 5_400_000.0, 320.0)
+
+
+def written(path: Path, points: PointSet, **options) -> dict:
+    return write_las(path, surveyed(slices_of(points)), **options)
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+@pytest.mark.parametrize("attributes", [True, False])
+def test_points_come_back(tmp_path: Path, compressed: bool, attributes: bool) -> None:
+    points = some_points(BATCH_POINTS + 5, offset=UTM, attributes=attributes)
+    path = tmp_path / "cloud.laz"
+    told = written(path, points, compressed=compressed, precision=1e-3)
+    assert told["precision"] == 1e-3
+    assert told["bytes"] == path.stat().st_size
+    assert_same(joined(list(las_batches(path))), points, 0.5e-3 + 2e-9)
+    theirs = laspy.read(path)
+    np.testing.assert_allclose(theirs.xyz, points.points, atol=0.5e-3 + 2e-9)
+    np.testing.assert_allclose(theirs.header.mins, np.min(theirs.xyz, axis=0), atol=1e-9)
+    np.testing.assert_allclose(theirs.header.maxs, np.max(theirs.xyz, axis=0), atol=1e-9)
+    if attributes:
+        np.testing.assert_array_equal(theirs.NormalY, points.normals[:, 1])
+        np.testing.assert_array_equal(theirs.radius, points.radius)
+        np.testing.assert_array_equal(theirs.green, points.color[:, 1] * np.uint16(257))
+    again = tmp_path / "again.laz"
+    written(again, points, compressed=compressed, precision=1e-3)
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_millimetres_of_utm_stay_by_default(tmp_path: Path) -> None:
+    points = some_points(1000, offset=UTM)
+    told = written(tmp_path / "cloud.laz", points)
+    assert told["rounding_error"] <= 0.5e-4
+    found = joined(list(las_batches(tmp_path / "cloud.laz")))
+    assert np.abs(found.points - points.points).max() <= told["rounding_error"] + 2e-9
+
+
+@pytest.mark.parametrize("n", [1, 500])
+def test_one_place(tmp_path: Path, n: int) -> None:
+    points = PointSet(np.tile([[1.25, -7.5, 0.125]], (n, 1)))
+    written(tmp_path / "cloud.laz", points)
+    assert_same(joined(list(las_batches(tmp_path / "cloud.laz"))), points, 1e-6)
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+@pytest.mark.parametrize(("kind", "version"), _KINDS)
+def test_what_others_write(tmp_path: Path, kind: int, version: str, suffix: str) -> None:
+    """Every layout with colours, compressed by layers or by points."""
+    points = some_points(3000, offset=UTM)
+    header = laspy.LasHeader(point_format=kind, version=version)
+    header.scales, header.offsets = [1e-3] * 3, np.floor(UTM)
+    header.add_extra_dims(
+        [
+            laspy.ExtraBytesParams("quality", "u2"),
+            laspy.ExtraBytesParams("nx", "i2", scales=[1e-4], offsets=[0.0]),
+            laspy.ExtraBytesParams("ny", "f8"),
+            laspy.ExtraBytesParams("nz", "f4"),
+        ]
+    )
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points.points.T
+    las.nx, las.ny, las.nz = points.normals.T
+    if kind in (2, 3, 5, 8):
+        las.red, las.green, las.blue = points.color.T.astype(np.uint16) * 257
+    path = tmp_path / f"cloud.{suffix}"
+    las.write(path)
+    found = joined(list(las_batches(path)))
+    np.testing.assert_allclose(found.points, points.points, atol=0.5e-3 + 2e-9)
+    np.testing.assert_allclose(found.normals, points.normals, atol=1e-4)
+    if kind in (2, 3, 5, 8):
+        np.testing.assert_array_equal(found.color, points.color)
+    else:
+        assert found.color is None
+
+
+@pytest.mark.parametrize("late", [0, BATCH_POINTS])
+def test_eight_bits_in_sixteen(tmp_path: Path, late: int) -> None:
+    """Whether colours have 8 bits or 16 is a matter of the whole file."""
+    n = late + 10
+    las = laspy.LasData(laspy.LasHeader(point_format=7, version="1.4"))
+    las.x = las.y = las.z = np.zeros(n)
+    las.red = las.green = las.blue = np.full(n, 200, np.uint16)
+    las.write(tmp_path / "dim.las")
+    assert (joined(list(las_batches(tmp_path / "dim.las"))).color == 200).all()
+    las.red[late] = 51_400
+    las.write(tmp_path / "bright.las")
+    found = joined(list(las_batches(tmp_path / "bright.las")))
+    assert found.color[late].tolist() == [200, 1, 1]
+    assert (np.delete(found.color, late, axis=0) == 1).all()
+
+
+def test_a_precision_that_does_not_fit(tmp_path: Path) -> None:
+    far = PointSet(np.array([[0.0, 0, 0], [1e6, 0, 0]]))
+    with pytest.raises(SettingsError, match="too fine"):
+        written(tmp_path / "cloud.laz", far, precision=1e-4)
+    assert written(tmp_path / "cloud.laz", far)["precision"] == 1e-3
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_damage_is_told(tmp_path: Path, compressed: bool) -> None:
+    path = tmp_path / "cloud.laz"
+    written(path, some_points(400), compressed=compressed)
+    check_damage(path, las_batches, tries=250)
+
+
+def test_huge_numbers_in_a_small_file(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.laz"
+    written(path, some_points(100))
+    data = path.read_bytes()
+    # Points, records, size of the first layer: each the largest there can be.
+    start = int.from_bytes(data[96:100], "little")
+    for at, size in ((247, 8), (100, 4), (start, 8), (start + 8 + 52 + 4, 4)):
+        broken = data[:at] + b"\xff" * (size - 1) + b"\x7f" + data[at + size :]
+        path.write_bytes(broken)
+        with pytest.raises(InputError) as told:
+            list(las_batches(path))
+        assert told.value.file == str(path)
