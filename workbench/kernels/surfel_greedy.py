@@ -78,7 +78,9 @@ def _along_morton_curve(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Rows (n,) along the curve and the points (n, 3) in that order, from their middle."""
-    lower, upper = points.min(axis=0), points.max(axis=0)
+    # Column by column: along rows of three NumPy takes ten times as long.
+    lower = np.array([points[:, axis].min() for axis in range(3)])
+    upper = np.array([points[:, axis].max() for axis in range(3)])
     extent = float((upper - lower).max())
     index_bits = max(1, (len(points) - 1).bit_length())
     # One word holds cell and row: to sort words is many times faster than to sort rows by cell.

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
-from workbench.geometry.point_set import PointSet
+from workbench.geometry.point_set import PointSet, joined
+from workbench.kernels.surfel_places import seen_places
 from workbench.surfels.corner_views import CornerView, corner_views
 from workbench.surfels.painted_surface import PaintedSurface
 
@@ -60,24 +62,19 @@ def surface_candidates(
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     middle = 0.5 * (lower + upper)
     scene = _scene((corners - middle).astype(np.float32))
-    sides = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1)
-    parts = []
     seen_from = corner_views(lower - middle, upper - middle, resolution, views)
+    parts: list[PointSet] = []
     for view in seen_from:
-        parts.extend(_met(scene, view, sides))
-    met, weights, facet = (np.concatenate(kind) for kind in zip(*parts, strict=True))
-    if not len(met):
+        for hits, shares in _met(scene, view):
+            parts.append(_places(surface, chosen, corners, hits, shares, view))
+    points = joined(parts)
+    if not len(points):
         raise InputError(
             "No ray meets the surface.",
             found=f"{len(chosen)} triangles, {resolution} pixels a side",
             fix="Take a higher resolution; the surface may be thinner than a pixel.",
         )
-    first = corners[met, 0]
-    points = first + np.einsum("ij,ijk->ik", weights, corners[met] - first[:, None])
-    normals = _seen_normals(surface.corner_normals[chosen[met]], weights, facet)
-    colors = surface.colors_at(chosen[met], weights)
-    gap = GAP_PX * max(view.pixel for view in seen_from)
-    return PointSet(points, normals, colors, None), gap
+    return points, GAP_PX * max(view.pixel for view in seen_from)
 
 
 def _scene(corners: NDArray[np.float32]) -> Any:
@@ -92,46 +89,48 @@ def _scene(corners: NDArray[np.float32]) -> Any:
     return scene
 
 
-def _met(
-    scene: Any, view: CornerView, sides: NDArray[np.float64]
-) -> list[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float32]]]:
-    """Triangle (n,), weights (n, 3) and normal towards the viewer (n, 3) of rays that meet.
-
-    ``sides`` (m,) are the longest of the triangles.
-    """
+def _met(scene: Any, view: CornerView) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float32]]]:
+    """Triangle (n,) and shares of its second and third corner (n, 2) of rays that meet one."""
     import open3d as o3d
 
-    parts = []
     band = max(1, _RAYS_AT_ONCE // view.width)
     forward = view.axes[2].astype(np.float32)
     for top in range(0, view.height, band):
-        origins = view.origins(slice(top, top + band)).astype(np.float32)
-        rays = np.hstack([origins, np.broadcast_to(forward, origins.shape)])
+        origins = view.origins(slice(top, top + band))
+        rays = np.empty((len(origins), 6), np.float32)
+        rays[:, :3], rays[:, 3:] = origins, forward
         answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
-        facet = _unit(answer["primitive_normals"].numpy())
-        facing = facet @ forward
-        at = np.flatnonzero(np.isfinite(answer["t_hit"].numpy()) & (np.abs(facing) > _GRAZING))
-        uv = answer["primitive_uvs"].numpy()[at].astype(np.float64)
-        weights = np.column_stack([1.0 - uv.sum(axis=1), uv])
-        met = answer["primitive_ids"].numpy()[at].astype(np.int64)
-        leaked = (facing[at] > 0.0) & (weights.min(axis=1) * sides[met] < _LEAK * view.extent)
-        towards = np.where(facing[at, None] > 0.0, -facet[at], facet[at])
-        parts.append((met[~leaked], weights[~leaked], towards[~leaked]))
-    return parts
+        at = np.flatnonzero(np.isfinite(answer["t_hit"].numpy()))
+        yield (
+            answer["primitive_ids"].numpy()[at].astype(np.int64),
+            answer["primitive_uvs"].numpy()[at],
+        )
 
 
-def _unit(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.maximum(length, np.float32(1e-30)))
-
-
-def _seen_normals(
-    corner_normals: NDArray[np.float32], weights: NDArray[np.float64], facet: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Unit normals (n, 3), smooth, on the side of the facets' that the viewer is on."""
-    normals = np.einsum("ij,ijk->ik", weights.astype(np.float32), corner_normals)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    # Corners may cancel each other out.
-    normals = np.where(length > 1e-6, normals / np.maximum(length, np.float32(1e-6)), facet)
-    behind = np.einsum("ij,ij->i", normals, facet) < 0.0
-    return np.asarray(np.where(behind[:, None], -normals, normals), np.float32)
+def _places(
+    surface: PaintedSurface,
+    chosen: NDArray[np.int64],
+    corners: NDArray[np.float64],
+    hits: NDArray[np.int64],
+    shares: NDArray[np.float32],
+    view: CornerView,
+) -> PointSet:
+    """What the rays of a view meet; ``hits`` are rows of ``chosen`` and ``corners``."""
+    points, weights = np.empty((2, len(hits), 3))
+    normals, rows = np.empty((len(hits), 3), np.float32), np.empty(len(hits), np.int64)
+    count = seen_places(
+        corners,
+        surface.corner_normals,
+        hits,
+        chosen,
+        shares,
+        view.axes[2],
+        _GRAZING,
+        _LEAK * view.extent,
+        points,
+        normals,
+        weights,
+        rows,
+    )
+    colors = surface.colors_at(rows[:count], weights[:count])
+    return PointSet(points[:count], normals[:count], colors, None)
