@@ -2,12 +2,12 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from workbench.geometry.point_set import PointSet
 
 from workbench.errors import InputError
 from workbench.formats.surface_files import read_surface
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
+from workbench.geometry.point_set import PointSet
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.kernels.surfel_discs import NO_DISC, draw_discs, draw_discs_parallel
 from workbench.surfels.candidates import surface_candidates
@@ -244,6 +244,22 @@ REAL = [
     ("meshes", "laurana.ply"),
     ("meshes", "gargoyle.ply"),
 ]
+
+
+def test_a_real_mesh_has_no_holes_and_looks_like_itself(shared_data):
+    mesh = read_surface(shared_data("meshes", "gargoyle.ply"))
+    node = surfels_of(mesh, 10_000, 256)
+
+    for distance in (1.5, 3.0, 6.0, 20.0):
+        camera = camera_for(mesh, node, 10_000, 3.0, distance)
+        missing, through, inside = holes(mesh, node, camera, 3.0)
+        assert inside > 500
+        assert (missing, through) == (0, 0)
+
+    camera = camera_for(mesh, node, 10_000, 2.0)
+    picture = disc_picture(node.surfels, node.spacing.radius_for(10_000), camera)
+    truth = mesh_picture(mesh, camera) / 255
+    assert ssim(picture[..., :3] / 255, truth, np.ones(truth.shape[:2], bool)) > 0.9
 
 
 @pytest.mark.slow

@@ -1,3 +1,5 @@
+from time import perf_counter
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -117,6 +119,21 @@ def test_the_progressive_order_is_between_the_exact_and_chance():
         assert 0.7 < good.min() / best.min() < 1.0
         assert np.median(poor) < 0.7 * np.median(best)
         assert poor.min() < 0.2 * best.min()
+
+
+@pytest.mark.slow
+def test_ten_thousand_of_a_million_take_less_than_a_second():
+    points, _ = bumpy_surface(1_000_000)
+    exact_order(points[:1000], 10)
+    seconds = []
+    for _ in range(5):
+        start = perf_counter()
+        order = exact_order(points, 10_000)
+        seconds.append(perf_counter() - start)
+
+    # 0.2 s on two cores; a processor that others use takes longer.
+    assert np.median(seconds) < 0.9
+    assert nearest(points[order.picks]).min() == pytest.approx(order.reach[-1], rel=1e-4)
 
 
 @pytest.mark.parametrize("order", [exact_order, progressive_order, random_order])

@@ -12,7 +12,7 @@ from workbench.geometry.surface_rays import SurfaceRays
 from workbench.geometry.textured_mesh import TexturedMesh
 from workbench.surfels.drawing import disc_view
 from workbench.surfels.node_tree import item_tree
-from workbench.surfels.point_normals import estimated_normals
+from workbench.surfels.point_normals import estimated_normals, sound_normals
 from workbench.surfels.surfel_export import export_surfels
 from workbench.surfels.surfel_file import SurfelFile, surfel_points
 from workbench.surfels.surfel_options import SurfelOptions
@@ -220,6 +220,18 @@ def test_normals_of_points_are_found(tmp_path, sphere):
     assert apart.max() < 1.05 * root.radius
 
 
+def test_normals_that_are_none_are_found_and_others_kept(sphere):
+    vertices = sphere(1.0, subdivisions=4).vertices
+    given = (3.0 * vertices).astype(np.float32)
+    given[::3], given[1] = 0.0, np.nan
+
+    normals = sound_normals(vertices, given)
+
+    np.testing.assert_allclose(normals[2::3], vertices[2::3], atol=1e-6)
+    cosines = np.abs(np.einsum("ij,ij->i", normals, vertices))
+    assert cosines.min() > np.cos(np.radians(3.0))
+
+
 def test_fewer_points_than_surfels_are_told(tmp_path):
     points = np.random.default_rng(0).normal(size=(50, 3))
     figures = export_surfels(
@@ -266,7 +278,7 @@ def test_every_order_and_color_makes_a_file(tmp_path, shells, order, colors):
 
 
 def test_memory_makes_nodes_smaller_or_is_refused(tmp_path, shells):
-    tight = SurfelOptions(count=500, candidates_resolution=64, memory_mib=16)
+    tight = SurfelOptions(count=500, candidates_resolution=80, memory_mib=16)
     assert tight.most_triangles() < len(shells.triangles)
     assert export_surfels(shells, tmp_path / "a", tight)["nodes"] > 1
     with pytest.raises(SettingsError, match="memory"):

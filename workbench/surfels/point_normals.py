@@ -1,4 +1,4 @@
-"""Normals of points that have none."""
+"""Normals of points that have none, or none of use."""
 
 from __future__ import annotations
 
@@ -10,6 +10,25 @@ from workbench.geometry.neighbours import k_nearest
 
 _NEIGHBOURS = 12
 _AT_ONCE = 1 << 17
+_LEAST_LENGTH = 1e-6
+
+
+def sound_normals(
+    points: NDArray[np.float64], normals: NDArray[np.float32] | None
+) -> NDArray[np.float32]:
+    """Unit normals (n, 3): the given ones, and those of `estimated_normals` where there is none.
+
+    Programs write zeros, or no numbers at all, where they do not know the normal of a point.
+    """
+    if normals is None:
+        return estimated_normals(points)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    known = np.isfinite(length[:, 0]) & (length[:, 0] > _LEAST_LENGTH)
+    if known.all():
+        return np.asarray(normals / length, np.float32)
+    return np.where(
+        known[:, None], normals / np.where(known[:, None], length, 1.0), estimated_normals(points)
+    ).astype(np.float32)
 
 
 def estimated_normals(points: NDArray[np.float64]) -> NDArray[np.float32]:

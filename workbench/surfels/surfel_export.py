@@ -22,7 +22,7 @@ from workbench.surfels.candidates import surface_candidates
 from workbench.surfels.node_surfels import Candidates, chosen_surfels
 from workbench.surfels.node_tree import ItemTree, TreeNode, item_tree
 from workbench.surfels.painted_surface import PaintedSurface
-from workbench.surfels.point_normals import estimated_normals
+from workbench.surfels.point_normals import sound_normals
 from workbench.surfels.spacing import nearest_distances
 from workbench.surfels.surfel_file import SurfelNode, SurfelWriter, read_node
 from workbench.surfels.surfel_layout import NODE, SurfelLayout
@@ -136,7 +136,7 @@ def _point_job(source: PointSet, options: SurfelOptions) -> _Job:
 
     def leaf(rows: NDArray[np.int64]) -> Candidates:
         part = source.chosen(rows)
-        normals = estimated_normals(part.points) if part.normals is None else part.normals
+        normals = sound_normals(part.points, part.normals)
         apart = nearest_distances(part.points)
         # Copies say nothing of the gaps between points.
         apart = apart[np.isfinite(apart) & (apart > 0.0)]

@@ -8,8 +8,8 @@ from typing import Literal
 from workbench.errors import SettingsError
 
 # Measured at the peak of a node: per triangle Embree's tree and the corners, per ray the
-# candidate that two in three rays find, per point the order.
-_BYTES_PER_TRIANGLE, _BYTES_PER_RAY, _BYTES_PER_POINT = 400, 120, 250
+# candidate that about half of the rays find, per point the order.
+_BYTES_PER_TRIANGLE, _BYTES_PER_RAY, _BYTES_PER_POINT = 400, 90, 250
 _CHILDREN = 8
 _MIB = 1 << 20
 
