@@ -103,13 +103,22 @@ class _SiteHandler(PageHandler):
         first = int(asked[1]) if asked[1] else max(size - int(asked[2]), 0)
         last = min(int(asked[2]), size - 1) if asked[1] and asked[2] else size - 1
         if first > last:
-            self.set_header("Content-Range", f"bytes */{size}")
-            raise tornado.web.HTTPError(416)
+            raise _BeyondTheEndError(size)
         self.set_status(206)
         self.set_header("Content-Range", f"bytes {first}-{last}/{size}")
         return first, last
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
-        # Set for the file, which is not what is sent now.
-        self.clear_header("Content-Length")
+        """As other pages do; of a part that is not there, how long the file is."""
+        error = kwargs.get("exc_info", (None, None, None))[1]
+        if isinstance(error, _BeyondTheEndError):
+            self.set_header("Content-Range", f"bytes */{error.size}")
         super().write_error(status_code, **kwargs)
+
+
+class _BeyondTheEndError(tornado.web.HTTPError):
+    """A part was asked for that begins after the end of a file of so many bytes."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__(416)
+        self.size = size

@@ -166,6 +166,8 @@ export class Stage {
     gl.bindFramebuffer(gl.FRAMEBUFFER, target);
     texture(color, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, gl.COLOR_ATTACHMENT0);
     texture(depth, gl.DEPTH_COMPONENT24, gl.DEPTH_COMPONENT, gl.UNSIGNED_INT, gl.DEPTH_ATTACHMENT);
+    // What is drawn to must not be read from, too.
+    gl.bindTexture(gl.TEXTURE_2D, null);
     const view = this.camera.view(width, height);
     this.#draw(view);
     this.pickProgram ??= program(gl, QUAD, DEPTH_BYTES);
