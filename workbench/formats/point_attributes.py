@@ -27,6 +27,7 @@ def unit_normals(values: NDArray[np.generic]) -> NDArray[np.float32]:
 
 def eight_bits(values: NDArray[np.generic], white: int) -> NDArray[np.uint8]:
     """Bytes of whole numbers from 0 to ``white``, rounded to the nearest; larger ones are 255."""
-    if white == 255:
-        return np.minimum(values, 255).astype(np.uint8)
-    return np.minimum((values.astype(np.uint32) * 255 + white // 2) // white, 255).astype(np.uint8)
+    wide = values.astype(np.uint32)
+    if white != 255:
+        wide = (wide * 255 + white // 2) // white
+    return np.minimum(wide, 255).astype(np.uint8)
