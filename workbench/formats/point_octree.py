@@ -27,7 +27,8 @@ from workbench.kernels.octree_levels import cube_codes, leaf_levels, lift_to_par
 
 GRID_LEVEL = 7
 """A node has 2⁷ cells a side, as readers of COPC and Potree take for granted."""
-LEAF_POINTS = 50_000
+LEAF_POINTS = 20_000
+"""As many as a node of a surface has: leaves of a level are as dense as its other nodes."""
 DEEPEST_LEVEL = BITS_PER_AXIS - GRID_LEVEL + 1
 MEMORY_BYTES = 1 << 30
 
