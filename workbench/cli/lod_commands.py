@@ -1,10 +1,10 @@
-"""Commands that turn any surface into level-of-detail files, and these back into points."""
+"""Commands that turn any model into level-of-detail and point files, and these into points."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -15,7 +15,8 @@ from workbench.pipeline.meter import Meter
 from workbench.pipeline.progress import Progress
 from workbench.project.settings import suggestion
 
-Subset = Literal["thin", "conservative"]
+if TYPE_CHECKING:
+    from workbench.pipeline.model_formats import Subset
 
 
 def add_lod_commands(app: typer.Typer) -> None:
@@ -23,22 +24,38 @@ def add_lod_commands(app: typer.Typer) -> None:
 
     @app.command(rich_help_panel="Tools")
     def lod(
-        mesh: Annotated[Path, typer.Argument(help="PLY, OBJ, GLB, glTF or STL.")],
-        out: Annotated[Path, typer.Option(help="The folder to write to.")],
+        model: Annotated[
+            Path, typer.Argument(help="A surface (PLY, OBJ, GLB, glTF, STL) or a cloud of points.")
+        ],
+        out: Annotated[Path, typer.Option(help="The folder to write to, or the file.")],
         file_format: Annotated[
             str,
             typer.Option(
                 "--format",
-                help="voxels: levels of detail; svo, svdag, ussvdag, esvdag, ssvdag, osvdag: "
-                "one sparse voxel graph, which can be traced.",
+                help="voxels: levels of detail; svo, svdag, ussvdag, esvdag, ssvdag, osvdag: one "
+                "sparse voxel graph, which can be traced; surfels: levels of discs; ci, eci, "
+                "context: points as coded cells.",
             ),
         ] = "voxels",
         resolution: Annotated[
-            int, typer.Option(help="Voxels along the side of the cube, a power of two.")
-        ] = 2048,
+            int | None,
+            typer.Option(
+                min=1,
+                help="Voxels or cells along the longest side; 2048 voxels (a power of two) or "
+                "1024 cells by default.",
+            ),
+        ] = None,
+        count: Annotated[
+            int | None, typer.Option(min=1, help="surfels: of each node, at most; 100000.")
+        ] = None,
+        candidates: Annotated[
+            int | None,
+            typer.Option(min=8, help="surfels: pixels of the pictures they are chosen from; 1024."),
+        ] = None,
+        seed: Annotated[int | None, typer.Option(min=0, help="Of random draws; 0.")] = None,
         shell: Annotated[
-            bool, typer.Option("--shell", help="voxels: for models that one can enter.")
-        ] = False,
+            bool | None, typer.Option("--shell", help="voxels: for models that one can enter.")
+        ] = None,
         subset: Annotated[
             str | None,
             typer.Option(
@@ -47,47 +64,44 @@ def add_lod_commands(app: typer.Typer) -> None:
             ),
         ] = None,
         geometry: Annotated[
-            bool,
+            bool | None,
             typer.Option(
                 "--geometry/--no-geometry", help="voxels: keep the surface itself for close-ups."
             ),
-        ] = True,
+        ] = None,
         compare: Annotated[
-            bool, typer.Option("--compare", help="Graphs: tell the size of every encoding.")
-        ] = False,
+            bool | None,
+            typer.Option("--compare", help="Graphs: tell the size of every encoding."),
+        ] = None,
         workers: Annotated[
             int | None, typer.Option(min=1, help="Threads; default one per core.")
         ] = None,
         as_json: JsonOption = False,
     ) -> Answer:
-        """Voxels of a surface: levels of detail, or one sparse voxel graph."""
-        from workbench.voxels.lod_export import LodOptions
-        from workbench.voxels.surface_export import VOXEL_FORMATS, export_surface_voxels
+        """Levels of detail and point formats of a surface or a cloud."""
+        from workbench.pipeline.model_formats import FormatOptions, write_format
 
-        _check_name("format", file_format, VOXEL_FORMATS)
-        default = "thin" if file_format == "voxels" else "conservative"
-        chosen = default if subset is None else subset
-        _check_name("subset", chosen, ("thin", "conservative"))
-        _check_use(file_format, shell, geometry, compare)
-        if out.exists() and not out.is_dir():
-            raise InputError(
-                "A folder was expected, this is a file.", file=out, fix="Name a folder."
-            )
-        options = LodOptions(
+        if subset is not None:
+            _check_name("subset", subset, ("thin", "conservative"))
+        options = FormatOptions(
             resolution=resolution,
-            subset=cast(Subset, chosen),
+            count=count,
+            candidates=candidates,
+            seed=seed,
             shell=shell,
+            subset=cast("Subset | None", subset),
             geometry=geometry,
+            compare=compare,
             workers=workers or _cores(),
         )
-        progress = Progress()
-        with progress.step(f"{mesh.name}: {file_format} at {resolution}³"), Meter() as meter:
-            told = export_surface_voxels(mesh, out, file_format, options, compare=compare)
+        with Progress().step(f"{model.name} as {file_format}"), Meter() as meter:
+            told = write_format(model, out, file_format, options)
         told |= {"seconds": meter.seconds, "peak_rss_bytes": meter.peak_rss_bytes}
         return Answer(
             told,
-            f"{told['file']}: {told['items']:,} voxels, {told['bytes'] / 1e6:,.2f} MB, "
+            f"{told['file']}: {told['items']:,} {told['unit']}, {told['bytes'] / 1e6:,.2f} MB, "
             f"{told['bits_per_item']:.2f} bits each, in {meter.seconds:.1f} s"
+            + "".join(f"\n  {warning}" for warning in told.get("warnings", ()))
             + "".join(
                 f"\n  {row['encoding']:8s}{row['nodes']:12,d} nodes"
                 f"{row['bytes'] / 1e6:10,.2f} MB{row['bits_per_voxel']:8.3f} bits per voxel"
@@ -97,29 +111,28 @@ def add_lod_commands(app: typer.Typer) -> None:
 
     @app.command(rich_help_panel="Tools")
     def decode(
-        path: Annotated[Path, typer.Argument(help="A .vlod or .voxgraph file.")],
+        path: Annotated[
+            Path, typer.Argument(help="A .vlod, .voxgraph, .surfels, .pcube or point file.")
+        ],
         out: Annotated[Path, typer.Option(help="The PLY file to write.")],
         level: Annotated[
             int | None, typer.Option(help="Of a .vlod: 2^level voxels a side; default the finest.")
         ] = None,
+        count: Annotated[
+            int | None,
+            typer.Option(min=1, help="Of a .surfels: so many of the whole; default the finest."),
+        ] = None,
         as_json: JsonOption = False,
     ) -> Answer:
-        """Voxels of a file back as points, with their normals and colours."""
-        from workbench.voxels.voxel_points import voxel_points, write_voxel_points
+        """Any of our files back as points, with what is known of each."""
+        from workbench.pipeline.model_decoding import decode as decode_file
 
         _check_out(out, ".ply")
         with Progress().step(f"decoding {path.name}"), Meter() as meter:
-            voxels = voxel_points(path, level)
-            write_voxel_points(out, voxels)
+            told = decode_file(path, out, level=level, count=count)
         return Answer(
-            {
-                "file": str(out),
-                "items": len(voxels),
-                "resolution": voxels.grid.resolution,
-                "voxel_size": voxels.grid.voxel_size,
-                "seconds": meter.seconds,
-            },
-            f"{out}: {len(voxels):,} voxels in {meter.seconds:.1f} s",
+            told | {"seconds": meter.seconds},
+            f"{out}: {told['items']:,} {told['unit']} in {meter.seconds:.1f} s",
         )
 
 
@@ -129,22 +142,6 @@ def _check_name(kind: str, name: str, known: tuple[str, ...]) -> None:
             f"There is no {kind} {name!r}",
             expected=", ".join(known),
             fix=suggestion(name, known) or "choose one of the expected names",
-        )
-
-
-def _check_use(file_format: str, shell: bool, geometry: bool, compare: bool) -> None:
-    """No option is passed over in silence."""
-    if file_format == "voxels" and compare:
-        raise SettingsError(
-            "--compare compares encodings of graphs",
-            found="--format voxels",
-            fix="add --format ssvdag, or leave it out",
-        )
-    if file_format != "voxels" and (shell or not geometry):
-        raise SettingsError(
-            f"--{'shell' if shell else 'no-geometry'} is of level-of-detail voxels alone",
-            found=f"--format {file_format}",
-            fix="leave it out: a graph has neither faces nor the surface itself",
         )
 
 

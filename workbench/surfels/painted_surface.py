@@ -51,8 +51,10 @@ class PaintedSurface:
             )
 
     @classmethod
-    def of(cls, source: TriangleMesh | TexturedMesh) -> PaintedSurface:
-        """Either kind of mesh."""
+    def of(cls, source: TriangleMesh | TexturedMesh | PaintedSurface) -> PaintedSurface:
+        """Either kind of mesh, or a surface as it is."""
+        if isinstance(source, PaintedSurface):
+            return source
         if isinstance(source, TriangleMesh):
             return cls(source)
         texture = SurfaceTexture(source.texture_places, source.pages, source.pictures)

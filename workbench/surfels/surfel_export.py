@@ -29,7 +29,7 @@ from workbench.surfels.surfel_layout import NODE, SurfelLayout
 from workbench.surfels.surfel_options import SurfelOptions
 from workbench.surfels.visible_surfels import seen_from_corners
 
-SurfelSource = TriangleMesh | TexturedMesh | PointSet
+SurfelSource = TriangleMesh | TexturedMesh | PaintedSurface | PointSet
 
 
 def export_surfels(
@@ -99,7 +99,7 @@ class _Job:
     warnings: list[str]
 
 
-def _mesh_job(source: TriangleMesh | TexturedMesh, options: SurfelOptions) -> _Job:
+def _mesh_job(source: TriangleMesh | TexturedMesh | PaintedSurface, options: SurfelOptions) -> _Job:
     surface = PaintedSurface.of(source)
     corners = surface.mesh.vertices[surface.mesh.triangles]
     most = options.most_triangles()

@@ -211,4 +211,4 @@ def _first_eye(size: NDArray[np.float64]) -> NDArray[np.float64]:
     azimuth, elevation = np.radians(_AZIMUTH_DEG), np.radians(_ELEVATION_DEG)
     flat = np.cos(elevation)
     way = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-    return away * way
+    return np.asarray(away * way, np.float64)

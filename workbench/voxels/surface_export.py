@@ -1,4 +1,4 @@
-"""Voxels of a surface in any of the formats, from the surface or from its file."""
+"""Voxels of a surface in any of the formats."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from workbench.errors import InputError, SettingsError
-from workbench.formats.textured_surface import read_textured_surface
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.surface_texture import SurfaceTexture
 from workbench.voxels.dag_encoding import ENCODINGS, Encoding
-from workbench.voxels.dag_file import SUFFIX
 from workbench.voxels.graph_export import export_voxel_graph
-from workbench.voxels.lod_export import LOD_FILE_NAME, LodOptions, write_voxel_lod
+from workbench.voxels.lod_export import LodOptions, write_voxel_lod
 from workbench.voxels.lod_levels import thin_part
 from workbench.voxels.voxel_dag import COARSEST_LEVEL
 from workbench.voxels.voxel_set import grid_of_mesh
@@ -20,20 +18,25 @@ from workbench.voxels.voxelisation import VoxelisationOptions, triangle_census, 
 
 LOD_FORMAT = "voxels"
 VOXEL_FORMATS = (LOD_FORMAT, *ENCODINGS)
-GRAPH_FILE_NAME = f"voxels{SUFFIX}"
 
 
-def export_surface_voxels(
-    path: Path, out: Path, voxel_format: str, options: LodOptions, *, compare: bool = False
+def write_surface_voxels(
+    mesh: TriangleMesh,
+    path: Path,
+    voxel_format: str,
+    options: LodOptions,
+    *,
+    texture: SurfaceTexture | None = None,
+    compare: bool = False,
 ) -> dict[str, Any]:
-    """Write the voxels of a surface's file to ``voxels.vlod`` or ``voxels.voxgraph`` in a folder.
+    """Write the voxels of a surface in any of the formats; same surface and options, same bytes.
 
     Parameters
     ----------
+    mesh, texture
+        The surface, and the texture that its voxels are coloured by instead of its vertices.
     path
-        PLY, OBJ, GLB, glTF or STL; colours are those of its texture, else of its vertices.
-    out
-        The folder, made where it is missing.
+        The file.
     voxel_format
         One of ``VOXEL_FORMATS``.
     options
@@ -43,37 +46,21 @@ def export_surface_voxels(
 
     Returns
     -------
-    ``format``, ``items`` (voxels of the finest level), ``bytes`` (of the file), ``bits_per_item``,
-    ``colors`` (``texture``, ``vertices`` or ``none``), ``subset``, and what `write_voxel_lod` or
-    `export_voxel_graph` tells.
+    What `write_voxel_lod` or `write_surface_graph` tells; ``voxels`` and ``bytes`` among it.
 
     Raises
     ------
     InputError
-        The file cannot be read, or has no surface.
+        No surface, or vertices that are not finite.
     SettingsError
         An unknown format, or a resolution it cannot have.
     """
     check_voxel_options(voxel_format, options)
-    mesh, texture = read_textured_surface(path)
-    out.mkdir(parents=True, exist_ok=True)
     if voxel_format == LOD_FORMAT:
-        told = write_voxel_lod(mesh, out / LOD_FILE_NAME, options, texture)
-    else:
-        encoding = _encoding(voxel_format)
-        told = write_surface_graph(
-            mesh, out / GRAPH_FILE_NAME, encoding, options, texture=texture, compare=compare
-        )
-    colored = "vertices" if "color" in mesh.vertex_attributes else "none"
-    return {
-        **told,
-        "format": voxel_format,
-        "items": told["voxels"],
-        "bytes": told["bytes"],
-        "bits_per_item": 8.0 * told["bytes"] / told["voxels"],
-        "colors": "texture" if texture is not None else colored,
-        "subset": options.subset,
-    }
+        return write_voxel_lod(mesh, path, options, texture)
+    return write_surface_graph(
+        mesh, path, _encoding(voxel_format), options, texture=texture, compare=compare
+    )
 
 
 def check_voxel_options(voxel_format: str, options: LodOptions) -> None:
