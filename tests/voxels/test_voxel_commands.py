@@ -156,7 +156,7 @@ def test_bad_wishes_are_told_with_what_can_be_done(cli, tmp_path, ball):
         "power of two from": ("lod", ball, "--resolution", 1 << 20, *out),
         "4 voxels a side": ("lod", ball, "--resolution", 2, "--format", "svdag", *out),
         "does not exist": ("lod", tmp_path / "none.ply", *small, *out),
-        "not read as points": ("lod", tmp_path / "file", *small, *out),
+        "neither as a surface": ("lod", tmp_path / "file", *small, *out),
         "cut from a surface": ("lod", points, *small, *out),
         "no triangle with area": ("lod", flat, *small, *out),
         "not finite": ("lod", broken, *small, *out),

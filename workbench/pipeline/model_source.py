@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from workbench.errors import InputError
 from workbench.formats.ply_layout import LONGEST_HEADER, parse_header
 from workbench.formats.point_files import POINT_SUFFIXES, read_points
 from workbench.formats.surface_files import SURFACE_SUFFIXES
@@ -36,9 +37,17 @@ class ModelSource:
         Raises
         ------
         InputError
-            Its header is damaged.
+            Another kind of file, or its header is damaged.
         """
         suffix = self.path.suffix.lower()
+        if suffix not in MODEL_SUFFIXES:
+            raise InputError(
+                "This kind of file is read neither as a surface nor as points.",
+                file=self.path,
+                expected=", ".join(MODEL_SUFFIXES),
+                found=suffix or "no extension",
+                fix="Export it to one of these formats.",
+            )
         if suffix != ".ply":
             return suffix in SURFACE_SUFFIXES or suffix == ".gltf"
         if not self.path.is_file():
