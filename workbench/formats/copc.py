@@ -1,169 +1,136 @@
-"""Cloud optimised point clouds: LAZ files whose chunks are the nodes of an octree.
+"""Cloud Optimized Point Clouds: LAZ files whose chunks are the nodes of an octree.
 
-Source: *COPC – Cloud Optimized Point Cloud Specification, version 1.0*; M. Isenburg,
-*LASzip*, for chunks of any size.
+Source: *COPC – Cloud Optimized Point Cloud Specification 1.0*; LAS and LAZ as in
+`workbench.formats.las_layout`.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import lazrs
 import numpy as np
-from numpy.typing import NDArray
 
+from workbench.errors import InputError
 from workbench.formats.atomic import replacing
-from workbench.formats.las_layout import EVLR_BYTES, LASZIP_RECORD
+from workbench.formats.las_layout import EVLR_BYTES, HEADER_BYTES, LASZIP_RECORD, VLR_BYTES
 from workbench.formats.las_writing import LasRecords, Record, las_head
-from workbench.formats.point_octree import (
-    GRID_LEVEL,
-    MEMORY_BYTES,
-    Key,
-    PointOctree,
-    build_octree,
-)
-from workbench.formats.point_rounding import rounding_of
-from workbench.formats.point_stream import PointStream
+from workbench.formats.octree_nodes import CELLS, NodeKey, OctreeNode, PointOctree
 
 _INFO = ("copc", 1)
-_INFO_BYTES = 160
 _HIERARCHY = ("copc", 1000)
-_ENTRY = struct.Struct("<iiiiQii")
-_COMPRESSED_AT_ONCE = 16 << 20
+_INFO_BYTES = 160
+_CHUNKS_AT_ONCE = 16
+_ENTRY = np.dtype([("key", "<i4", (4,)), ("at", "<u8"), ("bytes", "<i4"), ("points", "<i4")])
 
 
-def write_copc(
-    path: Path,
-    stream: PointStream,
-    *,
-    precision: float | None = None,
-    memory_bytes: int = MEMORY_BYTES,
-) -> dict[str, Any]:
-    """Write a COPC 1.0 file; same points, same bytes.
+def write_copc(path: Path, octree: PointOctree) -> dict[str, Any]:
+    """Write an octree as a COPC file; same nodes, same bytes.
 
-    Points are what `write_las` makes of them. Nodes and levels are those of `build_octree`;
-    the hierarchy is one page.
+    Points are those of `write_las`. The first record is the ``copc`` info; chunks follow in
+    the order of the nodes, and the hierarchy in one page behind them. The spacing of the root
+    is its side by 128.
 
     Parameters
     ----------
     path
-        The file; by custom its name ends in ``.copc.laz``. Its folder needs room for the
-        uncompressed points twice.
-    stream
-        The points.
-    precision
-        Step of coordinates, by default that of `rounding_of`.
-    memory_bytes
-        Bound of the working memory.
+        The file; it is whole or not there.
+    octree
+        Its nodes are asked for once.
 
     Returns
     -------
-    ``bytes``, ``precision``, ``rounding_error`` as of `write_las`, ``levels``, ``nodes`` and
-    ``points_per_level``.
-
-    Raises
-    ------
-    SettingsError
-        The precision does not fit the size of the cloud, or there is too little memory.
+    ``bytes`` of the file, ``precision``, ``rounding_error`` (half of it), ``nodes`` and
+    ``levels``.
     """
-    path = Path(path)
-    rounding = rounding_of(stream.low, stream.high, precision)
-    layout = LasRecords(stream.attributes, rounding)
+    layout = LasRecords(octree.attributes, octree.rounding)
     vlr = lazrs.LazVlr.new_for_compression(layout.point_format, layout.extra_bytes, True)
-    low, high = layout.rounded_box(stream.low, stream.high)
+    records: list[Record] = [
+        (_INFO, bytes(_INFO_BYTES)),
+        (LASZIP_RECORD, vlr.record_data()),
+        *layout.extra_record(),
+    ]
+    corner, side = octree.cube.placed(octree.rounding)
+    box = np.stack([np.full(3, np.iinfo(np.int32).max), np.full(3, np.iinfo(np.int32).min)])
 
-    def head(info: bytes, extended: tuple[int, int]) -> bytes:
-        records: Sequence[Record] = [
-            (_INFO, info), (LASZIP_RECORD, vlr.record_data()), *layout.extra_record(),
-        ]  # fmt: skip
+    def head(extended: tuple[int, int], corners: Any) -> bytes:
+        low, high = octree.rounding.coordinates(corners)
         return las_head(
-            layout, stream.count, low, high, records, compressed=True, extended=extended
+            layout, octree.count, low, high, records, compressed=True, extended=extended
         )
 
     with replacing(path) as partial, open(partial, "wb+") as file:
-        file.write(head(bytes(_INFO_BYTES), (0, 0)))
-        points_start = file.tell()
-        sink = _Chunks(file, vlr)
-        tree = build_octree(
-            stream, rounding, layout.rows, sink, path.parent, memory_bytes=memory_bytes
-        )
-        sizes = sink.finished(points_start)
-        page = _page(tree, sink.keys, sizes, points_start + 8)
-        file.seek(0, 2)
-        record_start = file.tell()
+        file.write(head((0, 0), box))
+        start = file.tell()
+        keys: list[NodeKey] = []
+        counts: list[int] = []
+        zipper = lazrs.ParLasZipCompressor(file, vlr)
+        for group in _groups(octree.nodes()):
+            for node in group:
+                keys.append(node.key)
+                counts.append(len(node.points))
+                if len(node.points):
+                    box[0] = np.minimum(box[0], node.whole.min(axis=0))
+                    box[1] = np.maximum(box[1], node.whole.max(axis=0))
+            zipper.compress_chunks(
+                [layout.rows_of(n.whole, n.points).tobytes() for n in group if len(n.points)]
+            )
+        zipper.done()
+        if sum(counts) != octree.count:
+            raise InputError(
+                "The points changed while they were read.",
+                file=path,
+                expected=f"{octree.count} points",
+                found=f"{sum(counts)} points",
+                fix="Leave the file alone until the export is done.",
+            )
+        entries = _entries(file, vlr, start, keys, counts)
+        end = file.seek(0, 2)
+        hierarchy = entries.tobytes()
         owner, number = _HIERARCHY
-        file.write(struct.pack("<2x16sHQ32x", owner.encode(), number, len(page)) + page)
-        info = _info(tree, layout, record_start + EVLR_BYTES, len(page))
+        file.write(struct.pack("<2x16sHQ32x", owner.encode(), number, len(hierarchy)))
+        file.write(hierarchy)
         file.seek(0)
-        file.write(head(info, (record_start, 1)))
+        file.write(head((end, 1), box))
+        file.seek(HEADER_BYTES + VLR_BYTES)
+        center, spacing = corner + side / 2, side / CELLS
+        file.write(struct.pack("<5d2Q2d", *center, side / 2, spacing, end + EVLR_BYTES,
+                               len(hierarchy), 0.0, 0.0))  # fmt: skip
     return {
-        "bytes": path.stat().st_size,
-        "precision": rounding.step,
-        "rounding_error": rounding.step / 2,
-        **told_of_tree(tree),
+        "bytes": Path(path).stat().st_size,
+        "precision": octree.rounding.step,
+        "rounding_error": octree.rounding.step / 2,
+        "nodes": len(keys),
+        "levels": max(key.level for key in keys) + 1,
     }
 
 
-def told_of_tree(tree: PointOctree) -> dict[str, Any]:
-    """``levels``, ``nodes`` and ``points_per_level`` of a tree."""
-    per_level = np.zeros(tree.levels, np.int64)
-    for key, count in tree.counts.items():
-        per_level[key[0]] += count
-    return {
-        "levels": tree.levels,
-        "nodes": sum(count > 0 for count in tree.counts.values()),
-        "points_per_level": per_level.tolist(),
-    }
+def _groups(nodes: Iterator[OctreeNode]) -> Iterator[list[OctreeNode]]:
+    """So many nodes that threads have something to do each."""
+    group: list[OctreeNode] = []
+    for node in nodes:
+        group.append(node)
+        if len(group) == _CHUNKS_AT_ONCE:
+            yield group
+            group = []
+    if group:
+        yield group
 
 
-class _Chunks:
-    """Nodes of a tree as chunks of a LAZ file, some megabytes compressed at once."""
-
-    def __init__(self, file: BinaryIO, vlr: Any) -> None:
-        self.keys: list[Key] = []
-        self._file, self._vlr = file, vlr
-        self._zipper = lazrs.ParLasZipCompressor(file, vlr)
-        self._waiting: list[bytes] = []
-
-    def node(self, key: Key, rows: NDArray[np.void]) -> None:
-        """Take a node."""
-        self.keys.append(key)
-        self._waiting.append(rows.tobytes())
-        if sum(map(len, self._waiting)) >= _COMPRESSED_AT_ONCE:
-            self._compress()
-
-    def finished(self, points_start: int) -> list[int]:
-        """Write the table of chunks; returns the bytes of each node's."""
-        self._compress()
-        self._zipper.done()
-        self._file.flush()
-        self._file.seek(points_start)
-        chunks = lazrs.read_chunk_table(self._file, self._vlr)
-        return [size for _, size in chunks if size]
-
-    def _compress(self) -> None:
-        if self._waiting:
-            self._zipper.compress_chunks(self._waiting)
-            self._waiting = []
-
-
-def _page(tree: PointOctree, keys: Sequence[Key], sizes: Sequence[int], start: int) -> bytes:
-    """All entries of the hierarchy, coarse levels first."""
-    places = dict(zip(keys, zip(np.cumsum([start, *sizes[:-1]]).tolist(), sizes, strict=True),
-                      strict=True))  # fmt: skip
-    return b"".join(
-        _ENTRY.pack(*key, *places.get(key, (0, 0)), count)
-        for key, count in sorted(tree.counts.items())
-    )
-
-
-def _info(tree: PointOctree, layout: LasRecords, page_start: int, page_bytes: int) -> bytes:
-    rounding = layout.rounding
-    half = tree.side * rounding.step / 2
-    center = tree.corner * rounding.step + rounding.origin + half
-    spacing = 2 * half / 2**GRID_LEVEL
-    body = struct.pack("<5dQQdd", *center, half, spacing, page_start, page_bytes, 0.0, 0.0)
-    return body.ljust(_INFO_BYTES, b"\0")
+def _entries(
+    file: BinaryIO, vlr: lazrs.LazVlr, start: int, keys: list[NodeKey], counts: list[int]
+) -> Any:
+    """The hierarchy by level and place: where the table of chunks says that nodes are."""
+    file.seek(start)
+    sizes = np.array([size for _, size in lazrs.read_chunk_table(file, vlr)], np.int64)
+    entries = np.zeros(len(keys), _ENTRY)
+    entries["key"] = [(key.level, key.x, key.y, key.z) for key in keys]
+    entries["points"] = counts
+    filled = entries["points"] > 0
+    entries["bytes"][filled] = sizes
+    # The eight bytes before the first chunk tell where the table is.
+    entries["at"][filled] = start + 8 + np.cumsum(sizes) - sizes
+    return entries[sorted(range(len(keys)), key=keys.__getitem__)]

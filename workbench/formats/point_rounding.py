@@ -14,7 +14,7 @@ LARGEST_WHOLE = 2**31 - 2
 """Of 32-bit integers; one is left over for rounding."""
 
 _COARSEST_DEFAULT = 1e-4
-_STEPS_OF_EXTENT = 1e6
+_STEPS_OF_EXTENT = 1e5
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def rounding_of(
         Corners of the box.
     precision
         The step. By default a power of ten: 10⁻⁴, less where the box is smaller than
-        a hundred units, more where 32 bits or the coordinates themselves (float64) cannot
+        ten units, more where 32 bits or the coordinates themselves (float64) cannot
         tell such steps apart.
 
     Raises

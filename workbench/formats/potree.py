@@ -1,7 +1,8 @@
-"""Clouds for the Potree viewer: a folder of three files, for its loader of version 2.
+"""Folders that Potree 2 shows: ``metadata.json``, ``hierarchy.bin`` and ``octree.bin``.
 
-Source: M. Schütz, S. Ohrhallinger, M. Wimmer, *Fast Out-of-Core Octree Generation for
-Massive Point Clouds* (2020), and the layout that PotreeConverter 2 writes.
+Source: M. Schütz, S. Ohrhallinger and M. Wimmer, *Fast Out-of-Core Octree Generation for
+Massive Point Clouds* (2020), for the idea; the layout is that which PotreeConverter 2 writes
+and Potree 1.8 reads, encoding ``DEFAULT``.
 """
 
 from __future__ import annotations
@@ -9,225 +10,204 @@ from __future__ import annotations
 import json
 import shutil
 import struct
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
-from workbench.formats.copc import told_of_tree
-from workbench.formats.point_octree import (
-    GRID_LEVEL,
-    MEMORY_BYTES,
-    Key,
-    PointOctree,
-    build_octree,
-)
-from workbench.formats.point_rounding import Rounding, rounding_of
-from workbench.formats.point_stream import PointStream
-from workbench.geometry.point_set import PointSet
+from workbench.formats.octree_nodes import CELLS, NodeKey, OctreeNode, PointOctree
 
-_FILES = ("metadata.json", "hierarchy.bin", "octree.bin")
-_NORMALS = ("NormalX", "NormalY", "NormalZ")
-_ENTRY = struct.Struct("<BBIQQ")
-_LEAF = 1
-_STEP_LEVELS = 4
-_TYPES = {"i4": "int32", "u2": "uint16", "f4": "float"}
+METADATA = "metadata.json"
+_HIERARCHY = "hierarchy.bin"
+_OCTREE = "octree.bin"
+_VERSION = "2.0"
+_NORMAL, _LEAF = 0, 1
+_STEP = 4
+
+_ATTRIBUTES: dict[str, tuple[tuple[str, str, str, int], ...]] = {
+    "color": (("rgb", "uint16", "<u2", 3),),
+    "normals": tuple((f"Normal{axis}", "float", "<f4", 1) for axis in "XYZ"),
+    "radius": (("radius", "float", "<f4", 1),),
+}
 
 
-def write_potree(
-    path: Path,
-    stream: PointStream,
-    *,
-    precision: float | None = None,
-    memory_bytes: int = MEMORY_BYTES,
-) -> dict[str, Any]:
-    """Write the folder of a Potree 2 cloud; same points, same bytes.
+def write_potree(path: Path, octree: PointOctree, name: str | None = None) -> dict[str, Any]:
+    """Write an octree as a Potree 2 folder; same nodes, same bytes.
 
-    ``octree.bin`` holds the points node by node, uncompressed (encoding ``DEFAULT``), each
-    ``position`` (int32, coordinate = offset + scale · integer), then as far as the stream
-    has them ``rgb`` (uint16, 257 times the byte), ``NormalX NormalY NormalZ`` and ``radius``
-    (float). ``hierarchy.bin`` holds 22 bytes per node, breadth first, in one piece: type (1:
-    leaf), mask of children, points, byte offset and size in ``octree.bin``.
-    ``metadata.json`` names all of it. Nodes and levels are those of `build_octree`.
+    Every point is a record: ``position`` (3 int32, by the octree's rounding), then as far as
+    points have them ``rgb`` (3 uint16, 257 times the byte), ``NormalX NormalY NormalZ`` and
+    ``radius`` (float32 each). Nodes stand in ``octree.bin`` in the order they come. The
+    hierarchy is one chunk: 22 bytes per node breadth first (kind, mask of children, points,
+    byte where it starts, bytes).
 
     Parameters
     ----------
     path
-        The folder. One that is there is replaced if it holds such a cloud and nothing else.
-    stream
-        The points.
-    precision
-        Step of coordinates, by default that of `rounding_of`.
-    memory_bytes
-        Bound of the working memory.
+        The folder. An older one of Potree 2 is replaced once all is written.
+    octree
+        Its nodes are asked for once.
+    name
+        Of the cloud, by default the folder's.
 
     Returns
     -------
-    ``bytes`` of the three files, ``precision``, ``rounding_error``, ``levels``, ``nodes`` and
-    ``points_per_level``.
+    ``bytes`` of all files, ``precision``, ``rounding_error`` (half of it), ``nodes`` and
+    ``levels``.
 
     Raises
     ------
     InputError
         Something else is at ``path``.
-    SettingsError
-        The precision does not fit the size of the cloud, or there is too little memory.
     """
     path = Path(path)
-    _check_replaceable(path)
-    rounding = rounding_of(stream.low, stream.high, precision)
-    records = _Records(stream.attributes, rounding)
-    partial = path.with_name(f".{path.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
-    try:
-        with open(partial / "octree.bin", "wb") as file:
-            sink = _Nodes(file, records.dtype)
-            tree = build_octree(
-                stream, rounding, records.rows, sink, partial, memory_bytes=memory_bytes
+    record = _Record(octree)
+    places: dict[NodeKey, tuple[int, int, int]] = {}
+    with _replacing_folder(path) as folder:
+        with open(folder / _OCTREE, "wb") as file:
+            for node in octree.nodes():
+                start, data = file.tell(), record.rows(node)
+                places[node.key] = (len(node.points), start, file.write(data))
+        told = sum(points for points, _, _ in places.values())
+        if told != octree.count:
+            raise InputError(
+                "The points changed while they were read.",
+                file=path,
+                expected=f"{octree.count} points",
+                found=f"{told} points",
+                fix="Leave the file alone until the export is done.",
             )
-        hierarchy = _hierarchy(tree, sink.starts, records.dtype.itemsize)
-        (partial / "hierarchy.bin").write_bytes(hierarchy)
-        metadata = _metadata(path.name, stream, tree, rounding, sink, len(hierarchy))
-        (partial / "metadata.json").write_text(json.dumps(metadata, indent=1) + "\n")
-        if path.exists():
-            shutil.rmtree(path)
-        partial.rename(path)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        hierarchy = _hierarchy(places)
+        (folder / _HIERARCHY).write_bytes(hierarchy)
+        levels = max(key.level for key in places) + 1
+        metadata = _metadata(octree, record, name or path.name, len(hierarchy), levels)
+        (folder / METADATA).write_text(json.dumps(metadata, indent=1) + "\n", encoding="utf-8")
     return {
-        "bytes": sum((path / name).stat().st_size for name in _FILES),
-        "precision": rounding.step,
-        "rounding_error": rounding.step / 2,
-        **told_of_tree(tree),
+        "bytes": sum((path / part).stat().st_size for part in (METADATA, _HIERARCHY, _OCTREE)),
+        "precision": octree.rounding.step,
+        "rounding_error": octree.rounding.step / 2,
+        "nodes": len(places),
+        "levels": levels,
     }
 
 
-def _check_replaceable(path: Path) -> None:
-    if path.is_dir():
-        others = sorted({entry.name for entry in path.iterdir()} - set(_FILES))
-        if others:
-            raise InputError(
-                "The folder for a Potree cloud holds other files.",
-                file=path,
-                found=", ".join(others[:5]),
-                fix="Name a folder that is not there yet.",
-            )
-    elif path.exists():
-        raise InputError(
-            "A Potree cloud is a folder; there is a file of this name.",
-            file=path,
-            fix="Name a folder that is not there yet.",
-        )
+class _Record:
+    """Points as records, and the range of each attribute."""
+
+    def __init__(self, octree: PointOctree) -> None:
+        self.octree = octree
+        self.columns = [("position", "int32", "<i4", 3)]
+        for name, columns in _ATTRIBUTES.items():
+            if name in octree.attributes:
+                self.columns += columns
+        self.dtype = np.dtype([(name, code, (number,)) for name, _, code, number in self.columns])
+        self._low = {name: np.full(number, np.inf) for name, _, _, number in self.columns}
+        self._high = {name: np.full(number, -np.inf) for name, _, _, number in self.columns}
+
+    def rows(self, node: OctreeNode) -> bytes:
+        """The bytes of a node."""
+        rows = np.empty(len(node.points), self.dtype)
+        rows["position"] = node.whole
+        if "rgb" in self._low and node.points.color is not None:
+            rows["rgb"] = node.points.color.astype(np.uint16) * 257
+        if "NormalX" in self._low and node.points.normals is not None:
+            for axis, letter in enumerate("XYZ"):
+                rows[f"Normal{letter}"][:, 0] = node.points.normals[:, axis]
+        if "radius" in self._low and node.points.radius is not None:
+            rows["radius"][:, 0] = node.points.radius
+        if len(rows):
+            for name, low in self._low.items():
+                np.fmin(low, rows[name].min(axis=0), out=low)
+                np.fmax(self._high[name], rows[name].max(axis=0), out=self._high[name])
+        return rows.tobytes()
+
+    def limits(self, name: str) -> tuple[list[float], list[float]]:
+        """Least and greatest values of an attribute; of positions as coordinates."""
+        low, high = self._low[name], self._high[name]
+        if name == "position":
+            whole = np.stack([low, high]).astype(np.int32)
+            low, high = self.octree.rounding.coordinates(whole)
+        return _numbers(low), _numbers(high)
 
 
-class _Records:
-    """Points as rows of ``octree.bin``."""
-
-    def __init__(self, attributes: frozenset[str], rounding: Rounding) -> None:
-        self._rounding = rounding
-        fields: list[tuple[Any, ...]] = [("whole", "<i4", (3,))]
-        if "color" in attributes:
-            fields.append(("rgb", "<u2", (3,)))
-        if "normals" in attributes:
-            fields += [(name, "<f4") for name in _NORMALS]
-        if "radius" in attributes:
-            fields.append(("radius", "<f4"))
-        self.dtype = np.dtype(fields)
-
-    def rows(self, points: PointSet) -> NDArray[np.void]:
-        rows = np.zeros(len(points), self.dtype)
-        names = self.dtype.names or ()
-        rows["whole"] = self._rounding.whole(points.points)
-        if "rgb" in names and points.color is not None:
-            rows["rgb"] = points.color.astype(np.uint16) * 257
-        if _NORMALS[0] in names and points.normals is not None:
-            for axis, name in enumerate(_NORMALS):
-                rows[name] = points.normals[:, axis]
-        if "radius" in names and points.radius is not None:
-            rows["radius"] = points.radius
-        return rows
+def _numbers(values: NDArray[np.float64]) -> list[float]:
+    """As JSON can hold them."""
+    return [float(value) for value in np.nan_to_num(values)]
 
 
-class _Nodes:
-    """Nodes one behind the other in a file, and the least and largest of all their numbers."""
-
-    def __init__(self, file: BinaryIO, dtype: np.dtype[Any]) -> None:
-        self.starts: dict[Key, int] = {}
-        self.dtype = dtype
-        self.low: dict[str, NDArray[Any]] = {}
-        self.high: dict[str, NDArray[Any]] = {}
-        self._file = file
-
-    def node(self, key: Key, rows: NDArray[np.void]) -> None:
-        """Take a node."""
-        self.starts[key] = self._file.tell()
-        self._file.write(np.ascontiguousarray(rows).data)
-        for name in self.dtype.names or ():
-            low, high = rows[name].min(axis=0), rows[name].max(axis=0)
-            self.low[name] = np.minimum(self.low.get(name, low), low)
-            self.high[name] = np.maximum(self.high.get(name, high), high)
-
-
-def _hierarchy(tree: PointOctree, starts: dict[Key, int], point_bytes: int) -> bytes:
-    entries = []
-    waiting: list[Key] = [(0, 0, 0, 0)]
-    for key in waiting:
+def _hierarchy(places: dict[NodeKey, tuple[int, int, int]]) -> bytes:
+    data = bytearray()
+    waiting = deque([NodeKey(0, 0, 0, 0)])
+    while waiting:
+        key = waiting.popleft()
         mask = 0
-        for half, child in tree.children(key):
-            mask |= 1 << half
-            waiting.append(child)
-        count = tree.counts[key]
-        kind = 0 if mask else _LEAF
-        entries.append(_ENTRY.pack(kind, mask, count, starts.get(key, 0), count * point_bytes))
-    return b"".join(entries)
+        for child in range(8):
+            # In this layout x is the highest bit of a child's number.
+            x, y, z = child >> 2, child >> 1 & 1, child & 1
+            below = NodeKey(key.level + 1, 2 * key.x + x, 2 * key.y + y, 2 * key.z + z)
+            if below in places:
+                mask |= 1 << child
+                waiting.append(below)
+        data += struct.pack("<BBIQQ", _NORMAL if mask else _LEAF, mask, *places[key])
+    return bytes(data)
 
 
 def _metadata(
-    name: str,
-    stream: PointStream,
-    tree: PointOctree,
-    rounding: Rounding,
-    nodes: _Nodes,
-    hierarchy_bytes: int,
+    octree: PointOctree, record: _Record, name: str, first_chunk: int, levels: int
 ) -> dict[str, Any]:
-    side = tree.side * rounding.step
-    low = tree.corner * rounding.step + rounding.origin
+    rounding = octree.rounding
+    low, side = octree.cube.placed(rounding)
+    attributes = []
+    for column, kind, code, number in record.columns:
+        size = np.dtype(code).itemsize
+        least, greatest = record.limits(column)
+        attributes.append(
+            {"name": column, "description": "", "size": size * number, "numElements": number,
+             "elementSize": size, "type": kind, "min": least, "max": greatest,
+             "scale": [1.0] * number, "offset": [0.0] * number}
+        )  # fmt: skip
     return {
-        "version": "2.0",
+        "version": _VERSION,
         "name": name,
         "description": "",
-        "points": stream.count,
+        "points": octree.count,
         "projection": "",
-        "hierarchy": {
-            "firstChunkSize": hierarchy_bytes,
-            "stepSize": _STEP_LEVELS,
-            "depth": tree.levels - 1,
-        },
-        "offset": rounding.origin.tolist(),
+        "hierarchy": {"firstChunkSize": first_chunk, "stepSize": _STEP, "depth": levels - 1},
+        "offset": _numbers(rounding.origin),
         "scale": [rounding.step] * 3,
-        "spacing": side / 2**GRID_LEVEL,
-        "boundingBox": {"min": low.tolist(), "max": (low + side).tolist()},
+        "spacing": side / CELLS,
+        "boundingBox": {"min": _numbers(low), "max": _numbers(low + side)},
         "encoding": "DEFAULT",
-        "attributes": [_attribute(field, nodes, rounding) for field in nodes.dtype.names or ()],
+        "attributes": attributes,
     }
 
 
-def _attribute(field: str, nodes: _Nodes, rounding: Rounding) -> dict[str, Any]:
-    dtype, *_ = (nodes.dtype.fields or {})[field]
-    low, high = nodes.low[field], nodes.high[field]
-    if field == "whole":
-        low, high = rounding.coordinates(low), rounding.coordinates(high)
-    elements = dtype.shape[0] if dtype.shape else 1
-    return {
-        "name": "position" if field == "whole" else field,
-        "description": "",
-        "size": dtype.itemsize,
-        "numElements": elements,
-        "elementSize": dtype.base.itemsize,
-        "type": _TYPES[dtype.base.str[1:]],
-        "min": np.atleast_1d(low).tolist(),
-        "max": np.atleast_1d(high).tolist(),
-    }
+@contextmanager
+def _replacing_folder(path: Path) -> Iterator[Path]:
+    """A folder beside its place, moved there when it is complete."""
+    if path.exists() and not (path.is_dir() and _is_potree(path)):
+        raise InputError(
+            "Something else than a Potree folder is in its place.",
+            file=path,
+            fix="Choose another folder, or remove this one.",
+        )
+    partial = path.with_name(f".{path.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        if path.exists():
+            shutil.rmtree(path)
+        partial.rename(path)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+def _is_potree(path: Path) -> bool:
+    names = {part.name for part in path.iterdir()}
+    return not names or (METADATA in names and names <= {METADATA, _HIERARCHY, _OCTREE})
