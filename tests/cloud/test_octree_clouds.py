@@ -11,17 +11,16 @@ import pytest
 from scipy.spatial import cKDTree
 
 from tests.formats.point_fixtures import assert_same, check_damage, some_points
-from workbench.errors import InputError, SettingsError
-from workbench.formats.copc import write_copc
+from workbench.cloud.point_export import export_points
+from workbench.cloud.point_octree import LEAF_POINTS, StreamedOctree
+from workbench.errors import InputError
 from workbench.formats.las_reading import las_batches
-from workbench.formats.point_octree import GRID_LEVEL, LEAF_POINTS, build_octree
-from workbench.formats.point_rounding import rounding_of
+from workbench.formats.octree_nodes import CELLS
 from workbench.formats.point_stream import PointStream, slices_of, surveyed
-from workbench.formats.potree import write_potree
 from workbench.geometry.point_set import PointSet, joined
 
 UTM = (431_000.0, 5_400_000.0, 320.0)
-LITTLE_MEMORY = LEAF_POINTS * 210
+LITTLE_MEMORY = 1 << 20
 
 
 def stream_of(points: PointSet) -> PointStream:
@@ -97,12 +96,10 @@ def read_copc(path: Path) -> tuple[PointSet, list[int]]:
 
 
 def through(kind: str, folder: Path, points: PointSet, **options) -> tuple[PointSet, list, dict]:
-    if kind == "copc":
-        path = folder / "cloud.copc.laz"
-        told = write_copc(path, stream_of(points), **options)
-        return *read_copc(path), told
-    told = write_potree(folder / "cloud", stream_of(points), **options)
-    return *read_potree(folder / "cloud"), told
+    path = folder / ("cloud.copc.laz" if kind == "copc" else "cloud")
+    told = export_points(points, path, kind, **options)
+    read = read_copc if kind == "copc" else read_potree
+    return *read(path), told
 
 
 @pytest.mark.parametrize("kind", ["copc", "potree"])
@@ -111,29 +108,28 @@ def test_every_point_is_in_one_level(tmp_path: Path, kind: str, attributes: bool
     points = some_points(150_000, offset=UTM, attributes=attributes)
     found, levels, told = through(kind, tmp_path, points, precision=1e-3)
     assert_same(found, points, 0.5e-3 + 2e-9)
-    assert told["points_per_level"] == np.bincount(levels).tolist()
     assert told["levels"] == max(levels) + 1 > 1
 
 
 @pytest.mark.parametrize("kind", ["copc", "potree"])
-def test_memory_changes_no_level(tmp_path: Path, kind: str) -> None:
+def test_memory_hardly_changes_levels(tmp_path: Path, kind: str) -> None:
+    """Only where several points share the finest cell there is another choice."""
     points = some_points(300_000)
     found, levels, told = through(kind, tmp_path, points)
     again, levels_again, told_again = through(kind, tmp_path, points, memory_bytes=LITTLE_MEMORY)
-    assert told_again["points_per_level"] == told["points_per_level"]
-    np.testing.assert_array_equal(
-        np.array(levels)[np.argsort(found.radius)],
-        np.array(levels_again)[np.argsort(again.radius)],
+    assert told_again["nodes"] == told["nodes"]
+    one, other = (
+        np.array(lev)[np.argsort(p.radius)] for lev, p in ((levels, found), (levels_again, again))
     )
+    assert (one != other).mean() < 1e-3
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
 
 
 def test_same_points_same_bytes(tmp_path: Path) -> None:
-    stream = stream_of(some_points(120_000))
+    points = some_points(120_000)
     for name in ("a", "b"):
-        write_copc(tmp_path / f"{name}.copc.laz", stream)
-        (tmp_path / name).mkdir()
-        write_potree(tmp_path / name / "cloud", stream)
+        export_points(points, tmp_path / f"{name}.copc.laz", "copc")
+        export_points(points, tmp_path / name / "cloud", "potree")
     assert (tmp_path / "a.copc.laz").read_bytes() == (tmp_path / "b.copc.laz").read_bytes()
     for name in ("metadata.json", "hierarchy.bin", "octree.bin"):
         one, other = (tmp_path / n / "cloud" / name for n in "ab")
@@ -150,7 +146,7 @@ def test_levels_are_spread_evenly(tmp_path: Path, kind: str) -> None:
     found, levels, _ = through(kind, tmp_path, points)
     levels = np.array(levels)
     for level in (0, 1):
-        cell = 1 / 2 ** (GRID_LEVEL + level)
+        cell = 1 / (CELLS * 2**level)
         coarse = found.points[levels <= level]
         inside = (coarse[:, :2] < 0.1).all(axis=1).mean()
         assert inside == pytest.approx(0.01, rel=0.3)
@@ -164,55 +160,52 @@ def test_levels_are_spread_evenly(tmp_path: Path, kind: str) -> None:
         assert (nearest[:, 1] < 0.3 * cell).mean() < 0.2 * crowded
 
 
-def check_nodes(points: PointSet, folder: Path, **options) -> dict:
-    """Build a tree, compare each level with cells counted by NumPy; returns its counts."""
-    rounding = rounding_of(*points.bounds)
-    nodes: dict[tuple, np.ndarray] = {}
-
-    class Sink:
-        def node(self, key, rows) -> None:
-            assert key not in nodes
-            nodes[key] = rows["whole"].astype(np.int64)
-
-    def rows_of(batch: PointSet) -> np.ndarray:
-        rows = np.zeros(len(batch), np.dtype([("whole", "<i4", (3,))]))
-        rows["whole"] = rounding.whole(batch.points)
-        return rows
-
-    stream = stream_of(points)
-    tree = build_octree(stream, rounding, rows_of, Sink(), folder, **options)
-    assert {key: n for key, n in tree.counts.items() if n} == {k: len(n) for k, n in nodes.items()}
-    everything = rounding.whole(points.points).astype(np.int64) - tree.corner
-    for level in range(tree.levels - 1):
-        below = [k for k in tree.counts if k[0] == level and any(tree.children(k))]
-        finest = level + GRID_LEVEL
-        held = np.concatenate([w for k, w in nodes.items() if k[0] <= level]) - tree.corner
-        for key in below:
-            chosen = [
-                np.unique(cells, axis=0, return_counts=True)
-                for cells in (
-                    (w[((w << level) // tree.side == key[1:]).all(axis=1)] << finest) // tree.side
-                    for w in (held, everything)
-                )
-            ]
-            np.testing.assert_array_equal(chosen[0][0], chosen[1][0])
-            assert (chosen[0][1] == 1).all()
-    return tree.counts
+def check_nodes(points: PointSet, folder: Path, **options) -> dict[tuple[int, ...], int]:
+    """Build a tree and compare each level with cells counted by NumPy; returns its counts."""
+    tree = StreamedOctree(stream_of(points), folder, **options)
+    nodes: dict[tuple[int, ...], np.ndarray] = {}
+    for node in tree.nodes():
+        key = (node.key.level, node.key.x, node.key.y, node.key.z)
+        assert key not in nodes
+        np.testing.assert_array_equal(node.points.points, tree.rounding.coordinates(node.whole))
+        nodes[key] = node.whole.astype(np.int64) - tree.cube.low
+    everything = tree.rounding.whole(points.points).astype(np.int64) - tree.cube.low
+    side = tree.cube.side
+    parents = {(level - 1, x // 2, y // 2, z // 2) for level, x, y, z in nodes if level}
+    assert parents <= nodes.keys()
+    for key, whole in nodes.items():
+        assert ((whole << key[0]) // side == key[1:]).all()
+    for level, *place in sorted(parents):
+        held = np.concatenate([whole for key, whole in nodes.items() if key[0] <= level])
+        (there, once), (expected, _) = (
+            np.unique(
+                (w[((w << level) // side == place).all(axis=1)] * (CELLS << level)) // side,
+                axis=0,
+                return_counts=True,
+            )
+            for w in (held, everything)
+        )
+        np.testing.assert_array_equal(there, expected)
+        assert (once == 1).all()
+    assert not list(folder.iterdir())
+    return {key: len(whole) for key, whole in nodes.items()}
 
 
-def test_every_cell_of_a_node_has_one_point(tmp_path: Path) -> None:
-    counts = check_nodes(some_points(120_000, attributes=False), tmp_path, leaf_points=2_000)
+@pytest.mark.parametrize("memory_bytes", [1 << 30, 1 << 20])
+def test_every_cell_of_a_node_has_one_point(tmp_path: Path, memory_bytes: int) -> None:
+    points = some_points(120_000, attributes=False)
+    counts = check_nodes(points, tmp_path, leaf_points=1_000, memory_bytes=memory_bytes)
     assert max(key[0] for key in counts) >= 3
-    again = check_nodes(
-        some_points(120_000, attributes=False), tmp_path, leaf_points=2_000, memory_bytes=500_000
-    )
-    assert again == counts
+    assert sum(counts.values()) == len(points)
 
 
-def test_two_far_clusters_pass_through_empty_nodes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("memory_bytes", [1 << 30, 1 << 20])
+def test_two_far_clusters_pass_through_empty_nodes(tmp_path: Path, memory_bytes: int) -> None:
     random = np.random.default_rng(0)
     clusters = [random.normal(c, 1e-3, (20_000, 3)) for c in (0, 1000)]
-    counts = check_nodes(PointSet(np.concatenate(clusters)), tmp_path, leaf_points=1_000)
+    points = PointSet(np.concatenate(clusters))
+    counts = check_nodes(points, tmp_path, leaf_points=1_000, memory_bytes=memory_bytes,
+                         precision=1e-6)  # fmt: skip
     assert 0 in counts.values()
     assert sum(counts.values()) == 40_000
 
@@ -244,40 +237,34 @@ def test_coincident_points_beyond_memory(tmp_path: Path) -> None:
     assert len(found) == len(with_far)
 
 
-def test_too_little_memory(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match="Too little memory"):
-        write_copc(tmp_path / "a.copc.laz", stream_of(some_points(10)), memory_bytes=1000)
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_region_is_found(tmp_path: Path) -> None:
     points = some_points(150_000)
     path = tmp_path / "cloud.copc.laz"
-    write_copc(path, stream_of(points), precision=1e-6)
+    export_points(points, path, "copc", precision=1e-6)
     low, high = np.array([-1, -1, -9.0]), np.array([0, 0.5, 9.0])
     with laspy.CopcReader.open(path) as reader:
         found = reader.query(bounds=laspy.copc.Bounds(low, high))
-        coarse = reader.query(resolution=4 / 2**GRID_LEVEL * 1.01)
+        coarse = reader.query(resolution=4 / CELLS * 1.01)
     inside = ((points.points >= low) & (points.points <= high)).all(axis=1).sum()
     assert abs(len(found) - inside) <= 3
     assert 0 < len(coarse) < len(points) / 4
 
 
 def test_other_files_are_left_alone(tmp_path: Path) -> None:
-    stream = stream_of(some_points(10))
-    write_potree(tmp_path / "cloud", stream)
-    write_potree(tmp_path / "cloud", stream)
+    points = some_points(10)
+    export_points(points, tmp_path / "cloud", "potree")
+    export_points(points, tmp_path / "cloud", "potree")
     (tmp_path / "cloud" / "notes.txt").write_text("mine")
     (tmp_path / "file").write_text("mine")
     for name in ("cloud", "file"):
         with pytest.raises(InputError) as told:
-            write_potree(tmp_path / name, stream)
+            export_points(points, tmp_path / name, "potree")
         assert told.value.file == str(tmp_path / name)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud", "file"]
 
 
 def test_damaged_copc_is_told(tmp_path: Path) -> None:
     path = tmp_path / "cloud.copc.laz"
-    write_copc(path, stream_of(some_points(400)))
+    export_points(some_points(400), path, "copc")
     assert len(joined(list(las_batches(path)))) == 400
     check_damage(path, las_batches, tries=250)
