@@ -6,6 +6,8 @@ extension ``E57_EXT_surface_normals``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pye57 import libe57
 
+from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 from workbench.formats.point_stream import BATCH_POINTS, PointStream
 from workbench.geometry.point_set import PointSet
@@ -43,8 +46,14 @@ def write_e57_points(path: Path, stream: PointStream) -> dict[str, Any]:
     -------
     ``bytes`` of the file, ``rounding_error``, which is zero, and ``left_out``: the
     attributes of the stream that the file cannot hold.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
     """
-    with replacing(path) as partial:
+    path = Path(path)
+    with replacing(path) as partial, _told(path):
         file = libe57.ImageFile(str(partial), "w")
         try:
             _write(file, stream)
@@ -53,10 +62,23 @@ def write_e57_points(path: Path, stream: PointStream) -> dict[str, Any]:
             raise
         file.close()
     return {
-        "bytes": Path(path).stat().st_size,
+        "bytes": path.stat().st_size,
         "rounding_error": 0.0,
         "left_out": sorted(stream.attributes & {"radius"}),
     }
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except libe57.E57Exception as error:
+        raise InputError(
+            "The E57 file cannot be written.",
+            file=path,
+            found=str(error).splitlines()[0],
+            fix="Check that its folder is there and the disk has space.",
+        ) from error
 
 
 def _write(file: Any, stream: PointStream) -> None:
