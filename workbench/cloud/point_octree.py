@@ -114,8 +114,11 @@ class StreamedOctree:
     ) -> Generator[OctreeNode, None, Rows]:
         """The nodes at and below one; returns what coarser grids choose from, if it is deep."""
         if count <= self._bucket_points or key.level + _GRID >= _DEEPEST:
-            return (yield from self._in_memory(key, np.concatenate([*source()])))
+            rows = np.concatenate([np.empty(0, self._dtype), *source()])
+            _check_unchanged(abs(len(rows) - count))
+            return (yield from self._in_memory(key, rows))
         buckets = self._buckets(key, source)
+        _check_unchanged(abs(sum(bucket.count for bucket in buckets) - count))
         path = self._folder / f"level-{key.level}.points"
         self._part(key, source, buckets, path)
         winners, start = [], 0
@@ -156,6 +159,7 @@ class StreamedOctree:
         first_codes = np.array([bucket.first_code for bucket in buckets], np.uint64)
         sizes = np.array([bucket.count for bucket in buckets], np.int64)
         at = np.cumsum(sizes) - sizes
+        ends = at + sizes
         try:
             with open(path, "wb") as file:
                 for rows in source():
@@ -177,6 +181,7 @@ class StreamedOctree:
                 found=str(error),
                 fix=f"Free {self.count * self._dtype.itemsize} bytes there, or export elsewhere.",
             ) from error
+        _check_unchanged(int(np.abs(ends - at).sum()))
 
     def _opened(self, key: NodeKey) -> Iterator[OctreeNode]:
         """Close the nodes that do not lie above ``key``, and open those that do."""
@@ -240,12 +245,7 @@ class StreamedOctree:
         corner = np.array([key.x, key.y, key.z], np.int64)
         whole = np.ascontiguousarray(rows["whole"])
         outside = cell_codes(whole, self.cube.low, self.cube.side, key.level, corner, bits, codes)
-        if outside:
-            raise InputError(
-                "The points changed while they were read.",
-                found=f"{outside} points outside of where they were before",
-                fix="Leave the file alone until the export is done.",
-            )
+        _check_unchanged(outside)
         return codes
 
 
@@ -283,3 +283,12 @@ class _Subtree:
 def _bits_below(key: NodeKey) -> int:
     """Depth of the finest grid inside a node."""
     return min(BITS_PER_AXIS, _DEEPEST - key.level)
+
+
+def _check_unchanged(elsewhere: int) -> None:
+    if elsewhere:
+        raise InputError(
+            "The points changed while they were read.",
+            found=f"{elsewhere} points more, fewer or elsewhere than before",
+            fix="Leave the file alone until the export is done.",
+        )
