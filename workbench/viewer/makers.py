@@ -8,6 +8,9 @@ from shutil import copyfile
 from workbench.project.store import ProductStore
 from workbench.viewer.representations import Made, Representation, SiteOptions
 
+# Pixels along a node's longer side in the pictures that its surfels are chosen from.
+_CANDIDATES, _FEWEST_SPLIT = 512, 1000
+
 
 def _textured(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
     del options
@@ -20,6 +23,23 @@ def _surface(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
     copyfile(store.path("surface_glb"), folder / "surface.glb")
     told = "Colours at its corners; says what was measured and what filled in."
     return Made(_triangles(folder / "surface.glb"), "triangles", told)
+
+
+def _surfels(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+    from workbench.formats.surface_files import read_surface
+    from workbench.surfels.surfel_export import export_surfels
+    from workbench.surfels.surfel_options import SurfelOptions
+
+    surface = read_surface(store.path("surface_ply"))
+    # A leaf has about as many surfels as triangles: nothing of the surface is lost.
+    settings = SurfelOptions(
+        count=options.surfels,
+        candidates_resolution=_CANDIDATES,
+        split_above=max(_FEWEST_SPLIT, options.surfels),
+        workers=options.workers,
+    )
+    told = export_surfels(surface, folder / "surface.surfels", settings)
+    return Made(told["items"], "surfels", "Discs, as many as the picture needs.")
 
 
 def _triangles(path: Path) -> int:
@@ -38,6 +58,11 @@ REPRESENTATIONS = (
     Representation(
         "surface", "mesh", "Surface", "surface.glb", ("surface_glb",),
         "it was not exported: workbench export with export.glb", _surface,
+    ),
+    Representation(
+        "surfels", "surfels", "Surfels", "surface.surfels", ("surface_ply",),
+        "the surface was not exported: workbench export", _surfels,
+        lambda options: options.surfels,
     ),
 )  # fmt: skip
 """All forms, the first that is there is shown first."""

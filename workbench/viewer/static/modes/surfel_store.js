@@ -1,0 +1,228 @@
+// Surfels of nodes: asked for a prefix at a time, uploaded a little each frame, given up when old.
+
+import { crc32 } from "../crc32.js";
+import { coarseCounts } from "./surfel_file.js";
+
+const FIRST_SURFELS = 1024;
+const AT_ONCE = 4;
+const UPLOAD_BYTES = 2 << 20;
+
+/** The prefixes of nodes that are on the GPU. */
+export class SurfelStore {
+  constructor({ gl, counts, redraw, tell }, file, source) {
+    this.gl = gl;
+    this.counts = counts;
+    this.redraw = redraw;
+    this.tell = tell;
+    this.file = file;
+    this.source = source;
+    this.held = new Map();
+    this.arrived = [];
+    this.running = 0;
+    this.stopping = new AbortController();
+    this.frame = 0;
+  }
+
+  /** Bytes on their way, or still to be uploaded. */
+  get busy() {
+    return this.running > 0 || this.arrived.length > 0;
+  }
+
+  /** How many surfels of a node can be drawn. */
+  loaded(node) {
+    return this.held.get(node)?.loaded ?? 0;
+  }
+
+  /** What is on the GPU of a node, which is needed in this frame. */
+  used(node) {
+    const held = this.held.get(node);
+    if (held) held.frame = this.frame;
+    return held;
+  }
+
+  /** Ask for prefixes [{node, count, error}], the largest error first; false where all is there. */
+  want(wanted) {
+    const left = wanted
+      .filter(({ node, count }) => !node.failed && this.loaded(node) < count && !node.waiting)
+      .sort((a, b) => b.error - a.error);
+    for (const { node, count } of left.slice(0, AT_ONCE - this.running)) this.#fetch(node, count);
+    return left.length > 0;
+  }
+
+  async #fetch(node, count) {
+    const { stride, colored } = this.file;
+    const from = this.loaded(node);
+    const to = Math.min(node.surfels, stepAbove(count));
+    const { signal } = this.stopping;
+    node.waiting = true;
+    this.running += 1;
+    try {
+      const part = this.source.range(node.offset + from * stride, (to - from) * stride, { signal });
+      const plain = node.surfels * stride;
+      // The colours of short prefixes come with the first of them: they are a twelfth of all.
+      const tail = colored && !from ? this.source.range(node.offset + plain, node.bytes - plain, { signal }) : null;
+      const [surfels, coarse] = await Promise.all([part, tail]);
+      if (!signal.aborted) this.arrived.push({ node, from, to, surfels, coarse });
+    } catch (error) {
+      if (!signal.aborted) this.#fail(node, error.message);
+    } finally {
+      this.running -= 1;
+      if (!signal.aborted) this.redraw();
+    }
+  }
+
+  /** Put what arrived on the GPU, not much at a time. */
+  upload() {
+    this.frame += 1;
+    let bytes = 0;
+    while (this.arrived.length && bytes < UPLOAD_BYTES) {
+      const { node, from, to, surfels, coarse } = this.arrived.shift();
+      node.waiting = false;
+      const held = this.held.get(node) ?? new HeldNode(this.gl, this.counts, this.file, node);
+      if (held.loaded !== from) continue;
+      this.held.set(node, held);
+      held.frame = this.frame;
+      held.add(surfels, coarse && new Uint8Array(coarse), to);
+      bytes += surfels.byteLength;
+      if (held.loaded === node.surfels && held.checksum() !== node.crc) {
+        this.#drop(node);
+        this.#fail(node, "Some surfels are damaged");
+      }
+    }
+  }
+
+  /** Keep below a budget: what was not needed for longest goes first. */
+  evict(budget) {
+    if (this.counts.bytes <= budget) return;
+    const old = [...this.held].filter(([, held]) => held.frame < this.frame).sort((a, b) => a[1].frame - b[1].frame);
+    for (const [node] of old) {
+      if (this.counts.bytes <= 0.95 * budget) return;
+      this.#drop(node);
+    }
+  }
+
+  dispose() {
+    this.stopping.abort();
+    [...this.held.keys()].forEach((node) => this.#drop(node));
+  }
+
+  #drop(node) {
+    this.held.get(node)?.dispose();
+    this.held.delete(node);
+  }
+
+  #fail(node, why) {
+    node.failed = true;
+    node.waiting = false;
+    this.tell(`${why}. This part is shown coarser.`);
+  }
+}
+
+/** Prefixes are read in steps, each twice as long as the one before. */
+function stepAbove(count) {
+  return FIRST_SURFELS * 2 ** Math.max(0, Math.ceil(Math.log2(count / FIRST_SURFELS)));
+}
+
+/** Bytes on the GPU of a node with a prefix of so many surfels. */
+export function bytesOf(file, node, count) {
+  const coarse = file.colored ? 4 * coarseCounts(node.surfels).reduce((sum, one) => sum + one, 0) : 0;
+  return Math.min(node.surfels, stepAbove(count)) * file.stride + coarse;
+}
+
+/** A prefix of a node on the GPU. */
+class HeldNode {
+  constructor(gl, counts, file, node) {
+    this.gl = gl;
+    this.counts = counts;
+    this.file = file;
+    this.node = node;
+    this.loaded = 0;
+    this.bytes = 0;
+    this.crc = 0;
+    this.tail = new Uint8Array(0);
+    this.array = gl.createVertexArray();
+    this.surfels = null;
+    this.coarse = null;
+    this.coarseLists = [];
+  }
+
+  /** Surfels that follow those that are there, up to the number `to`. */
+  add(buffer, coarse, to) {
+    const { gl } = this;
+    const longer = gl.createBuffer();
+    const before = this.loaded * this.file.stride;
+    gl.bindBuffer(gl.COPY_WRITE_BUFFER, longer);
+    gl.bufferData(gl.COPY_WRITE_BUFFER, before + buffer.byteLength, gl.STATIC_DRAW);
+    if (this.surfels) {
+      gl.bindBuffer(gl.COPY_READ_BUFFER, this.surfels);
+      gl.copyBufferSubData(gl.COPY_READ_BUFFER, gl.COPY_WRITE_BUFFER, 0, 0, before);
+      gl.deleteBuffer(this.surfels);
+    }
+    gl.bufferSubData(gl.COPY_WRITE_BUFFER, before, new Uint8Array(buffer));
+    this.surfels = longer;
+    this.loaded = to;
+    this.crc = crc32(new Uint8Array(buffer), this.crc);
+    this.#count(buffer.byteLength);
+    if (coarse) this.#addCoarse(coarse);
+    this.drawnAs = null;
+  }
+
+  #addCoarse(bytes) {
+    const { gl } = this;
+    this.tail = bytes;
+    const padded = new Uint8Array((bytes.length / 3) * 4);
+    for (let k = 0; k < bytes.length / 3; k++) padded.set(bytes.subarray(3 * k, 3 * k + 3), 4 * k);
+    this.coarse = gl.createBuffer();
+    gl.bindBuffer(gl.COPY_WRITE_BUFFER, this.coarse);
+    gl.bufferData(gl.COPY_WRITE_BUFFER, padded, gl.STATIC_DRAW);
+    this.#count(padded.length);
+    let offset = 0;
+    for (const count of coarseCounts(this.node.surfels)) {
+      this.coarseLists.push({ count, offset });
+      offset += 4 * count;
+    }
+  }
+
+  /** Of all bytes of the node, once they are here. */
+  checksum() {
+    const found = crc32(this.tail, this.crc);
+    this.tail = null;
+    return found;
+  }
+
+  /** Make ready to draw a prefix; each surfel is an instance, or a vertex. */
+  bind(count, instanced) {
+    const { gl, file } = this;
+    gl.bindVertexArray(this.array);
+    const list = this.coarseLists.findLast((one) => one.count >= count);
+    const as = `${list?.offset} ${instanced}`;
+    if (this.drawnAs === as) return;
+    this.drawnAs = as;
+    const [places, normals] = file.exact ? [gl.FLOAT, gl.SHORT] : [gl.UNSIGNED_SHORT, gl.BYTE];
+    const after = file.exact ? 12 : 6;
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.surfels);
+    gl.vertexAttribPointer(0, 3, places, !file.exact, file.stride, 0);
+    gl.vertexAttribPointer(1, 2, normals, false, file.stride, after);
+    if (file.colored && !list) gl.vertexAttribPointer(2, 3, gl.UNSIGNED_BYTE, true, file.stride, file.stride - 4);
+    if (list) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.coarse);
+      gl.vertexAttribPointer(2, 3, gl.UNSIGNED_BYTE, true, 4, list.offset);
+    }
+    for (let place = 0; place < (file.colored ? 3 : 2); place++) {
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribDivisor(place, instanced ? 1 : 0);
+    }
+  }
+
+  #count(bytes) {
+    this.bytes += bytes;
+    this.counts.bytes += bytes;
+  }
+
+  dispose() {
+    const { gl } = this;
+    [this.surfels, this.coarse].forEach((buffer) => gl.deleteBuffer(buffer));
+    gl.deleteVertexArray(this.array);
+    this.#count(-this.bytes);
+  }
+}
