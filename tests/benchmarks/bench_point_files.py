@@ -46,10 +46,9 @@ def sheet(points: int) -> PointStream:
             x = np.sort(random.uniform(-2, 2, n))
             y = -2 + 4 * (start + np.arange(n)) / points
             z = 0.2 * np.sin(3 * x) * np.cos(2 * y) + random.normal(0, 2e-4, n)
-            normals = np.stack(
-                [-0.6 * np.cos(3 * x) * np.cos(2 * y), 0.4 * np.sin(3 * x) * np.sin(2 * y), x * 0 + 1],
-                axis=1,
-            )  # fmt: skip
+            slope_x = 0.6 * np.cos(3 * x) * np.cos(2 * y)
+            slope_y = -0.4 * np.sin(3 * x) * np.sin(2 * y)
+            normals = np.stack([-slope_x, -slope_y, np.ones(n)], axis=1)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             grey = (128 + 100 * np.sin(9 * x) * np.sin(7 * y)).astype(np.uint8)
             color = np.stack([grey, grey // 2, 255 - grey], axis=1)

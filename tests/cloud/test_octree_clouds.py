@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import laspy
@@ -14,6 +16,7 @@ from tests.formats.point_fixtures import assert_same, check_damage, some_points
 from workbench.cloud.point_export import export_points
 from workbench.cloud.point_octree import LEAF_POINTS, StreamedOctree
 from workbench.errors import InputError
+from workbench.formats.las_layout import las_layout
 from workbench.formats.las_reading import las_batches
 from workbench.formats.octree_nodes import CELLS
 from workbench.formats.point_stream import PointStream, slices_of, surveyed
@@ -268,3 +271,33 @@ def test_damaged_copc_is_told(tmp_path: Path) -> None:
     export_points(some_points(400), path, "copc")
     assert len(joined(list(las_batches(path)))) == 400
     check_damage(path, las_batches, tries=250)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["laz", "copc", "potree", "ply", "e57", "layered"])
+def test_memory_of_twenty_million_points(tmp_path: Path, kind: str) -> None:
+    """Points of 780 MB take little more than the 256 MiB that they may, and all are written."""
+    code = """
+import sys
+from pathlib import Path
+from workbench.formats.ply_points import write_ply_points
+from tests.benchmarks.bench_point_files import one, sheet
+
+folder, kind = Path(sys.argv[1]), sys.argv[2]
+one_batch = folder / "little.ply"
+write_ply_points(one_batch, sheet(100_000))
+one(one_batch, folder / "warm", kind)
+source = folder / "sheet.ply"
+write_ply_points(source, sheet(20_000_000))
+told = one(source, folder / "out", kind)
+assert told["items"] == 20_000_000
+print(told["memory"])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path), kind], capture_output=True, text=True
+    )
+    assert not done.returncode, done.stderr
+    assert int(done.stdout.split()[-1]) < 420e6
+    if kind in ("laz", "copc"):
+        with open(tmp_path / "out", "rb") as file:
+            assert las_layout(file, tmp_path / "out").count == 20_000_000
