@@ -124,8 +124,8 @@ class StreamedOctree:
         winners, start = [], 0
         for bucket in buckets:
             yield from self._opened(bucket.key)
-            rows = rows_of_file(path, self._dtype, start, bucket.count)
-            winners.append((yield from self._below(bucket.key, rows, bucket.count)))
+            part = rows_of_file(path, self._dtype, start, bucket.count)
+            winners.append((yield from self._below(bucket.key, part, bucket.count)))
             start += bucket.count
         path.unlink()
         return self._shared_out(key, np.concatenate(winners))
