@@ -15,6 +15,7 @@ from stages.verify.color import color_chapter
 from stages.verify.development import development_chapter
 from stages.verify.masks import masks_chapter
 from stages.verify.orientation import orientation_chapter
+from stages.verify.surfels import cell_chapter, surfel_chapter
 from stages.verify.texturing import texture_chapter
 from stages.verify.voxels import voxel_chapter
 from workbench.errors import InputError
@@ -111,6 +112,10 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     with job.progress.step("voxels"):
         voxels, found = voxel_chapter(products, surface, up=options.up, front_deg=options.front_deg)
     metrics += found
+    with job.progress.step("surfels and coded points"):
+        surfels, found = surfel_chapter(products, surface)
+        cells, told = cell_chapter(products)
+    metrics += found + told
     warnings += unread
     with job.progress.step("pictures and plots"):
         content = build_scan_report(
@@ -131,6 +136,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *colors,
                 *texture,
                 *voxels,
+                *surfels,
+                *cells,
                 *photographs,
             ),
             citations=_CITATIONS,
@@ -352,6 +359,8 @@ VERIFY = Stage[Any](
         "surface_ply",
         "voxel_lod",
         "voxel_graph",
+        "surfels",
+        "point_cubes",
         "reference_file",
         "photo_files",
         "photo_inventory",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.verify.frames import users_origin
 from workbench.geometry.mesh import TriangleMesh
 from workbench.metrics import Metric
 from workbench.pipeline.stage import Products
@@ -45,7 +46,7 @@ def voxel_chapter(
     if graph is not None:
         told = _of_graph(Path(graph), "y" if up == "y" else "z", front_deg)
     elif levels is not None:
-        moved = replace(surface, vertices=surface.vertices + _origin(products))
+        moved = replace(surface, vertices=surface.vertices + users_origin(products))
         told = _of_levels(Path(levels), moved, "y" if up == "y" else "z", front_deg)
     else:
         return (), []
@@ -121,11 +122,3 @@ def _pictures(voxels: VoxelGraph, up: str, front_deg: float) -> dict[str, NDArra
         )
         for name, turned in (("Front", 0.0), ("Back", 180.0))
     }
-
-
-def _origin(products: Products) -> NDArray[np.float64]:
-    """(3,) of the frame the surface is told in; one from elsewhere is in the user's own."""
-    inventory = products.load_if_there("scan_inventory")
-    if inventory is None or products.load_if_there("surface") is None:
-        return np.zeros(3)
-    return np.array(inventory["origin_m"])

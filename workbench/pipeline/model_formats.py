@@ -9,15 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from workbench.errors import InputError, SettingsError
 from workbench.pipeline.model_source import ModelSource
+from workbench.pipeline.surface_cells import surface_cells
 from workbench.pointcodecs.codecs import CODECS
 from workbench.pointcodecs.cube_export import CubeOptions, export_point_cubes
 from workbench.pointcodecs.cube_file import SUFFIX as CUBE_SUFFIX
 from workbench.pointcodecs.cube_file import write_point_cubes
-from workbench.pointcodecs.point_cells import CellFrame, PointCells
 from workbench.project.settings import suggestion
 from workbench.surfels.painted_surface import PaintedSurface
 from workbench.surfels.surfel_export import export_surfels
@@ -25,7 +23,6 @@ from workbench.surfels.surfel_file import SURFEL_SUFFIX
 from workbench.surfels.surfel_options import SurfelOptions
 from workbench.voxels.dag_file import SUFFIX as GRAPH_SUFFIX
 from workbench.voxels.lod_export import LodOptions
-from workbench.voxels.lod_levels import thin_part
 from workbench.voxels.surface_export import (
     LOD_FORMAT,
     VOXEL_FORMATS,
@@ -33,8 +30,6 @@ from workbench.voxels.surface_export import (
     write_surface_voxels,
 )
 from workbench.voxels.voxel_points import LOD_SUFFIX
-from workbench.voxels.voxel_set import grid_of_mesh, joined_voxels
-from workbench.voxels.voxelisation import VoxelisationOptions, voxel_parts
 
 Subset = Literal["thin", "conservative"]
 
@@ -248,7 +243,9 @@ def _cubes(codec: str) -> Write:
     def write(source: ModelSource, path: Path, options: FormatOptions) -> dict[str, Any]:
         resolution = options.resolution or _CELLS
         if source.has_surface:
-            told = write_point_cubes(path, _surface_cells(source, resolution, options), codec)
+            mesh, texture = source.surface
+            cells = surface_cells(mesh, resolution, texture, options.workers)
+            told = write_point_cubes(path, cells, codec)
         else:
             told = export_point_cubes(source.points, path, CubeOptions(codec, resolution))
         return {
@@ -259,23 +256,6 @@ def _cubes(codec: str) -> Write:
         }
 
     return write
-
-
-def _surface_cells(source: ModelSource, resolution: int, options: FormatOptions) -> PointCells:
-    """The thinnest voxels that leave no hole: what a scan of the surface would fill."""
-    mesh, texture = source.surface
-    level = LodOptions(resolution=resolution).level
-    grid = grid_of_mesh(mesh.vertices, level)
-    part_level = min(8, level)
-    parts = voxel_parts(
-        mesh, grid, VoxelisationOptions(workers=options.workers),
-        part_level=part_level, texture=texture,
-    )  # fmt: skip
-    voxels = joined_voxels([thin_part(part, part_level) for part in parts])
-    frame = CellFrame(grid.origin, grid.voxel_size, level)
-    return PointCells(
-        frame, voxels.cells.astype(np.int32), voxels.normal.astype(np.float32), voxels.color, 0
-    )
 
 
 def _colors(source: ModelSource) -> str:

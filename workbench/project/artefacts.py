@@ -164,6 +164,10 @@ _TABLE = (
     Artefact("surface_glb", "exports/surface.glb", "file", "the surface for the web"),
     Artefact("voxel_lod", "exports/voxels.vlod", "file", "voxels of the surface, level by level"),
     Artefact("voxel_graph", "exports/voxels.voxgraph", "file", "voxels of the surface as a graph"),
+    Artefact(
+        "surfels", "exports/surfels.surfels", "file", "surfels of the surface, coarse to fine"
+    ),
+    Artefact("point_cubes", "exports/points.pcube", "file", "cells of the surface, coded"),
     Artefact("records", "work/{item}/record.json", "json", "what each stage did"),
     Artefact("report_html", "report/report.html", "file", "the report for people"),
     Artefact("report_json", "report/report.json", "json", "the report's numbers"),

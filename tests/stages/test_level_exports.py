@@ -1,0 +1,99 @@
+"""Surfels and coded points that a project exports, and what its report says of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stages.main import PIPELINE
+from workbench.cli import run_cli
+from workbench.formats.surface_files import write_surface_ply
+from workbench.pointcodecs.cube_file import read_point_cubes
+from workbench.surfels.surfel_file import surfel_points
+
+PLACE = np.array([4_000_000.0, 2_500_000.0, 300.0])
+GIVEN = (
+    *("--set", "export.surfels=3000"),
+    *("--set", "export.surfel_candidates_px=128"),
+    *("--set", "export.cells=context"),
+    *("--set", "export.cell_resolution=64"),
+    *("--set", "verify.samples=2000"),
+    *("--set", "verify.picture_width_px=120"),
+)
+
+
+@pytest.fixture
+def cli(capsys):
+    def call(*arguments, expect: int = 0):
+        code = run_cli(PIPELINE, [*map(str, arguments), "--json"])
+        out, err = capsys.readouterr()
+        assert code == expect, err
+        return json.loads(out)
+
+    return call
+
+
+@pytest.fixture
+def project(cli, tmp_path, sphere) -> Path:
+    """A project around a ball of radius 1 far from the origin, made elsewhere, blue below."""
+    mesh = sphere(center=PLACE, subdivisions=4)
+    low = mesh.vertices[:, 2:] < PLACE[2]
+    color = np.where(low, [[20, 40, 200]], [[220, 210, 40]]).astype(np.uint8)
+    write_surface_ply(tmp_path / "ball.ply", mesh.with_attributes(color=color))
+    cli("new", tmp_path / "ball", "--geometry", tmp_path / "ball.ply")
+    return tmp_path / "ball"
+
+
+def section_of(project: Path, title: str) -> dict | None:
+    told = json.loads((project / "report" / "report.json").read_text())
+    return next((s for s in told["sections"] if s["title"] == title), None)
+
+
+def tables_of(section: dict) -> list[list]:
+    return [block["rows"] for block in section["blocks"] if block["kind"] == "table"]
+
+
+def test_surfels_and_cells_are_exported_and_told(cli, project):
+    ran = cli("verify", project, *GIVEN)
+    stages = {stage["name"]: stage for stage in ran["stages"]}
+    said = {metric["name"]: metric["value"] for metric in stages["export"]["metrics"]}
+    surfels = surfel_points(project / "exports" / "surfels.surfels")
+    away = surfels.points - PLACE
+    assert len(surfels) == said["surfels"] == 3000
+    assert np.abs(np.linalg.norm(away, axis=1) - 1).max() < 0.01
+    below = away[:, 2] < -0.05
+    assert (surfels.color[below, 2] > surfels.color[below, 0]).all()
+    cells = read_point_cubes(project / "exports" / "points.pcube")
+    assert len(cells) == said["cells"]
+    middles = np.linalg.norm(cells.frame.centers(cells.cells) - PLACE, axis=1)
+    assert np.abs(middles - 1).max() <= np.sqrt(0.75) * said["cell_size"] + 1e-3
+
+    found = {metric["name"]: metric["value"] for metric in ran["metrics"]}
+    section = section_of(project, "Surfels")
+    prefixes, evenness, choices = tables_of(section)
+    assert [row[0] for row in prefixes] == [1000, 3000]
+    for row in prefixes:
+        assert row[4] > 0.9
+        assert row[5] == 0.0
+        assert found[f"surfel_ssim_{row[0]}"] == row[4]
+    # Discs of a prefix have the area of the ball between them, some twice over.
+    covered = 1000 * np.pi * (1e-3 * prefixes[0][2]) ** 2 / (4 * np.pi)
+    assert 1.0 < covered < 8.0
+    random, exact = (next(r for r in evenness if r[0] == name) for name in ("random", "exact"))
+    assert random[2] < 0.8
+    assert exact[2:] == [1.0, 1.0]
+    assert [row[0] for row in choices] == [128, 256, 512]
+    assert choices[0][3] >= choices[-1][3] == 1.0
+
+    codecs = {row[0]: row[1] for row in tables_of(section_of(project, "Coded points"))[0]}
+    assert codecs["octree by contexts (in the file)"] == said["cell_bits"]
+    assert found["cell_bits_ci"] == codecs["CI, cell identification"]
+    assert said["cell_bits"] < 0.5 * codecs["steps in Morton order, lzma"]
+
+    cli("verify", project, *GIVEN, "--set", "export.surfels=0", "--set", "export.cells=none")
+    assert section_of(project, "Surfels") is section_of(project, "Coded points") is None
+    assert not list((project / "exports").glob("*.surfels"))
+    assert not list((project / "exports").glob("*.pcube"))
