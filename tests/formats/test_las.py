@@ -134,3 +134,16 @@ def test_huge_numbers_in_a_small_file(tmp_path: Path) -> None:
         with pytest.raises(InputError) as told:
             list(las_batches(path))
         assert told.value.file == str(path)
+
+
+def test_a_part_of_points_of_a_wrong_size(tmp_path: Path) -> None:
+    """A kind of part with a size that it never has would be decompressed as something else."""
+    path = tmp_path / "cloud.laz"
+    written(path, some_points(100))
+    data = path.read_bytes()
+    parts = data.index(b"laszip encoded") - 2 + 54 + 34
+    assert data[parts : parts + 4] == b"\x0a\x00\x1e\x00"
+    for at, value in ((parts, 6), (parts + 6, 12), (parts + 12, 12), (parts + 12, 99)):
+        path.write_bytes(data[:at] + bytes([value]) + data[at + 1 :])
+        with pytest.raises(InputError, match="unknown part"):
+            list(las_batches(path))

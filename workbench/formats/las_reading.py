@@ -28,6 +28,8 @@ _LAYERED = 3
 _ITEMS_AT = 34
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _BYTES_ITEM = 14
+_ITEM_BYTES = {6: 20, 7: 8, 8: 6, 9: 29, 10: 30, 11: 6, 12: 8, 13: 29}
+_ITEMS_OF_ANY_SIZE = (0, _BYTES_ITEM)
 _MOST_CHUNK_POINTS = 1 << 32
 
 
@@ -134,6 +136,11 @@ def _items(laszip: bytes, path: Path) -> tuple[int, int]:
         refused(path, "The LAZ file does not tell how it is compressed.",
                 "a LASzip record", f"{len(laszip)} bytes")  # fmt: skip
     items = np.frombuffer(laszip, "<u2", 3 * number, _ITEMS_AT).reshape(-1, 3)
+    for kind, size, _ in items.tolist():
+        # The decompressor goes by the kind alone, and would take layers for what they are not.
+        if size != _ITEM_BYTES.get(kind, size) or kind not in (*_ITEM_BYTES, *_ITEMS_OF_ANY_SIZE):
+            refused(path, "The LAZ file compresses an unknown part of points.",
+                    "parts as LASzip has them", f"part {kind} of {size} bytes")  # fmt: skip
     layers = 0
     if laszip[:2] == struct.pack("<H", _LAYERED):
         layers = sum(
@@ -228,8 +235,10 @@ def _point_set(records: NDArray[np.uint8], layout: LasLayout, white: int) -> Poi
                 np.stack([_extra(records, layout, name) for name in names], axis=1)
             )
     if _RADIUS in layout.extra:
-        radius = _extra(records, layout, _RADIUS).astype(np.float32)
-    points = whole.astype(np.float64) * layout.scale + layout.offset
+        with np.errstate(over="ignore"):
+            radius = _extra(records, layout, _RADIUS).astype(np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):
+        points = whole.astype(np.float64) * layout.scale + layout.offset
     return PointSet(points, normals, color, radius)
 
 
@@ -238,5 +247,6 @@ def _extra(records: NDArray[np.uint8], layout: LasLayout, name: str) -> NDArray[
     values = _column(records, field.start, field.dtype)[:, 0]
     if (field.scale, field.offset) == (1.0, 0.0):
         return values
-    scaled: NDArray[np.float64] = values.astype(np.float64) * field.scale + field.offset
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled: NDArray[np.float64] = values.astype(np.float64) * field.scale + field.offset
     return scaled
