@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from shutil import copyfile
 
 from workbench.project.store import ProductStore
 from workbench.viewer.representations import Made, Representation, SiteOptions
 
-# Pixels along a node's longer side in the pictures that its surfels are chosen from.
-_CANDIDATES, _FEWEST_SPLIT = 512, 1000
+# Surfels are chosen from some twenty times as many: with 50,000, from pictures of 512 pixels.
+_CANDIDATE_SHARE = 512**2 / 50_000
+_FEWEST_SPLIT = 1000
 
 
 def _textured(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
@@ -34,7 +36,7 @@ def _surfels(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
     # A leaf has about as many surfels as triangles: nothing of the surface is lost.
     settings = SurfelOptions(
         count=options.surfels,
-        candidates_resolution=_CANDIDATES,
+        candidates_resolution=max(64, round(math.sqrt(_CANDIDATE_SHARE * options.surfels))),
         split_above=max(_FEWEST_SPLIT, options.surfels),
         workers=options.workers,
     )

@@ -22,7 +22,7 @@ export class SizeControl {
     const frame = now - this.drawn;
     const moving = this.clip !== null && view.clip.some((value, k) => value !== this.clip[k]);
     // After a rest there is no telling what the picture before it took.
-    if (moving && now - this.moved < REST_MS) this.recent.push(this.#next(frame, wanted));
+    if (moving && now - this.moved < REST_MS) this.recent = [...this.recent.slice(1 - FRAMES), this.#next(frame, wanted)];
     else if (moving) this.recent = [wanted];
     if (moving) this.moved = now;
     this.clip = view.clip;
@@ -33,7 +33,6 @@ export class SizeControl {
   }
 
   #next(frame, wanted) {
-    this.recent = this.recent.slice(-FRAMES);
     const old = this.recent.reduce((sum, size) => sum + size, 0) / this.recent.length;
     const off = frame / TARGET_MS;
     const size = Math.abs(off - 1) > TOLERANCE ? (3 * old + old * off) / 4 : old;

@@ -33,13 +33,6 @@ export class SurfelStore {
     return this.held.get(node)?.loaded ?? 0;
   }
 
-  /** What is on the GPU of a node, which is needed in this frame. */
-  used(node) {
-    const held = this.held.get(node);
-    if (held) held.frame = this.frame;
-    return held;
-  }
-
   /** Ask for prefixes [{node, count, error}], the largest error first; false where all is there. */
   want(wanted) {
     const left = wanted
@@ -84,21 +77,29 @@ export class SurfelStore {
       held.frame = this.frame;
       held.add(surfels, coarse && new Uint8Array(coarse), to);
       bytes += surfels.byteLength;
-      if (held.loaded === node.surfels && held.checksum() !== node.crc) {
+      if (held.damaged) {
         this.#drop(node);
         this.#fail(node, "Some surfels are damaged");
       }
     }
   }
 
-  /** Keep below a budget: what was not needed for longest goes first. */
-  evict(budget) {
-    if (this.counts.bytes <= budget) return;
-    const old = [...this.held].filter(([, held]) => held.frame < this.frame).sort((a, b) => a[1].frame - b[1].frame);
-    for (const [node] of old) {
-      if (this.counts.bytes <= 0.95 * budget) return;
-      this.#drop(node);
+  /**
+   * Keep below a budget: what was not needed for longest goes first, then what is beyond the
+   * prefixes [{node, count}] that this picture needs.
+   */
+  evict(budget, wanted) {
+    const needed = new Map();
+    for (const { node, count } of wanted) needed.set(node, Math.max(count, needed.get(node) ?? 0));
+    const old = [];
+    for (const [node, held] of this.held) {
+      if (needed.has(node)) held.frame = this.frame;
+      else old.push([node, held.frame]);
     }
+    const over = () => this.counts.bytes > 0.95 * budget;
+    if (this.counts.bytes <= budget) return;
+    for (const [node] of old.sort((a, b) => a[1] - b[1])) if (over()) this.#drop(node);
+    for (const [node, count] of needed) if (over()) this.held.get(node)?.keep(Math.min(node.surfels, stepAbove(count)));
   }
 
   dispose() {
@@ -138,6 +139,7 @@ class HeldNode {
     this.node = node;
     this.loaded = 0;
     this.bytes = 0;
+    // Null where parts of it were given up since.
     this.crc = 0;
     this.tail = new Uint8Array(0);
     this.array = gl.createVertexArray();
@@ -149,21 +151,35 @@ class HeldNode {
   /** Surfels that follow those that are there, up to the number `to`. */
   add(buffer, coarse, to) {
     const { gl } = this;
-    const longer = gl.createBuffer();
-    const before = this.loaded * this.file.stride;
-    gl.bindBuffer(gl.COPY_WRITE_BUFFER, longer);
-    gl.bufferData(gl.COPY_WRITE_BUFFER, before + buffer.byteLength, gl.STATIC_DRAW);
-    if (this.surfels) {
-      gl.bindBuffer(gl.COPY_READ_BUFFER, this.surfels);
-      gl.copyBufferSubData(gl.COPY_READ_BUFFER, gl.COPY_WRITE_BUFFER, 0, 0, before);
-      gl.deleteBuffer(this.surfels);
-    }
-    gl.bufferSubData(gl.COPY_WRITE_BUFFER, before, new Uint8Array(buffer));
-    this.surfels = longer;
+    this.#resize(this.loaded, to);
+    gl.bindBuffer(gl.COPY_WRITE_BUFFER, this.surfels);
+    gl.bufferSubData(gl.COPY_WRITE_BUFFER, this.loaded * this.file.stride, new Uint8Array(buffer));
     this.loaded = to;
-    this.crc = crc32(new Uint8Array(buffer), this.crc);
-    this.#count(buffer.byteLength);
+    if (this.crc !== null) this.crc = crc32(new Uint8Array(buffer), this.crc);
     if (coarse) this.#addCoarse(coarse);
+  }
+
+  /** Give up all but a prefix. */
+  keep(count) {
+    if (count >= this.loaded) return;
+    this.#resize(count, count);
+    this.loaded = count;
+    this.crc = null;
+  }
+
+  /** A buffer for so many surfels, with the first of those that are there. */
+  #resize(kept, count) {
+    const { gl, file } = this;
+    const other = gl.createBuffer();
+    gl.bindBuffer(gl.COPY_WRITE_BUFFER, other);
+    gl.bufferData(gl.COPY_WRITE_BUFFER, count * file.stride, gl.STATIC_DRAW);
+    if (kept) {
+      gl.bindBuffer(gl.COPY_READ_BUFFER, this.surfels);
+      gl.copyBufferSubData(gl.COPY_READ_BUFFER, gl.COPY_WRITE_BUFFER, 0, 0, kept * file.stride);
+    }
+    gl.deleteBuffer(this.surfels);
+    this.surfels = other;
+    this.#count((count - this.loaded) * file.stride);
     this.drawnAs = null;
   }
 
@@ -183,11 +199,9 @@ class HeldNode {
     }
   }
 
-  /** Of all bytes of the node, once they are here. */
-  checksum() {
-    const found = crc32(this.tail, this.crc);
-    this.tail = null;
-    return found;
+  /** Whether what came is what was written; known once all of it came. */
+  get damaged() {
+    return this.crc !== null && this.loaded === this.node.surfels && crc32(this.tail, this.crc) !== this.node.crc;
   }
 
   /** Make ready to draw a prefix; each surfel is an instance, or a vertex. */

@@ -31,9 +31,7 @@ export async function open(context, entry) {
   function cutOf(view, size, budget) {
     for (let coarser = size; ; coarser *= 1.25) {
       const cut = new SurfelCut(store, view, origin, coarser).of(file.nodes[0]);
-      const counted = new Map(cut.wanted.map(({ node, count }) => [node, count]));
-      let bytes = 0;
-      for (const [node, count] of counted) bytes += bytesOf(file, node, Math.max(count, store.loaded(node)));
+      const bytes = cut.wanted.reduce((sum, { node, count }) => sum + bytesOf(file, node, count), 0);
       if (bytes <= 0.9 * (budget - (screen?.bytes ?? 0)) || coarser > 1000) return cut;
     }
   }
@@ -52,7 +50,7 @@ export async function open(context, entry) {
     const near = Math.max(nearest(local(node.lower), local(node.upper)) - radius, 1e-9);
     const square = (2 * radius * view.pixelsPerUnit) / near > WIDEST_POINT;
     gl.uniform1i(uniforms.u_square, square ? 1 : 0);
-    store.used(node).bind(count, square);
+    store.held.get(node).bind(count, square);
     if (square) gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
     else gl.drawArrays(gl.POINTS, 0, count);
   }
@@ -89,7 +87,7 @@ export async function open(context, entry) {
       cut.shown.forEach(({ count }) => counts.drew(count));
       gl.bindVertexArray(null);
       const lacking = store.want(cut.wanted);
-      store.evict(look.budgetBytes);
+      store.evict(look.budgetBytes, cut.wanted);
       mode.pending = lacking || store.busy || control.waiting;
     },
     dispose() {
