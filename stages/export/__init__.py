@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.export.clouds import write_clouds
 from stages.export.levels import write_levels
 from stages.export.options import ExportOptions
 from stages.export.textured import write_textured
@@ -28,7 +29,7 @@ _SURFEL_BYTES, _CELL_MEMORY, _CELL_BYTES = 100, 120, 8
 
 def needed(scene: Scene, options: ExportOptions) -> Need:
     formats = (options.ply, options.obj, options.glb, options.textured_glb, options.textured_obj)
-    levels = (options.voxels != "none", options.surfels, options.cells != "none")
+    levels = (options.voxels != "none", options.surfels, options.cells != "none", options.clouds)
     if not any(formats) and not any(levels):
         return Need(False, "no format asked for")
     if scene.scans or scene.geometry:
@@ -79,11 +80,13 @@ def run(job: Job[ExportOptions]) -> StageResult:
                 write_surface_glb(path, mesh, world_from_local_origin=tuple(origin))
     formats = options.ply + options.obj + options.glb + write_textured(job, origin)
     files, levels = write_levels(job, moved, colored)
+    clouds = write_clouds(job, origin)
     return StageResult(
         (
-            Metric("formats", formats + files, "", "Files written."),
+            Metric("formats", formats + files + len(clouds), "", "Files written."),
             Metric("triangles", len(mesh.triangles), "", "Triangles in each."),
             *levels,
+            *clouds,
         )
     )
 
@@ -132,12 +135,14 @@ EXPORT = Stage(
     options=ExportOptions,
     reads=(
         *("surface", "surface_color", "scan_inventory", "geometry_file"),
-        *("texture_atlas", "texture_pages"),
+        *("texture_atlas", "texture_pages", "samples", "sample_cloud", "colored_cloud", "flash"),
     ),
     writes=(
         *("surface_ply", "surface_obj", "surface_glb"),
         *("textured_glb", "textured_obj", "textured_mtl", "textured_pages"),
         *("voxel_lod", "voxel_graph", "surfels", "point_cubes"),
+        *("points_laz", "points_las", "points_copc", "points_e57", "points_ply"),
+        *("potree_metadata", "potree_hierarchy", "potree_octree"),
     ),
     needed=needed,
     run=run,

@@ -46,6 +46,11 @@ class ExportOptions(StageOptions):
         le=8192,
         description="Side of the pictures that surfels are chosen from (Brandt et al. 2019, 3.1).",
     )
+    clouds: tuple[Literal["laz", "las", "copc", "potree", "e57", "ply"], ...] = Field(
+        (),
+        description="Write the consolidated samples of the scans as exports/points.* in these "
+        "formats, coloured by the photographs; potree is a folder.",
+    )
     cells: Literal["none", "ci", "eci", "context"] = Field(
         "none",
         description="Write exports/points.pcube, the cells that the surface fills, coded as "

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from workbench.cli import run_cli
 from workbench.formats.ply_points import write_ply_points
@@ -136,5 +137,26 @@ def test_every_format_names_its_file(tmp_path):
     for name, made in FORMATS.items():
         inside = made.place(tmp_path / "folder")
         assert inside.parent == tmp_path / "folder", name
+        if not made.ending:
+            continue
         exactly = tmp_path / f"model.a{made.ending}"
         assert made.place(exactly) == exactly, name
+
+
+@pytest.mark.parametrize("kind", ["laz", "las", "copc", "potree", "e57", "ply", "layered"])
+def test_clouds_in_the_formats_of_others_and_back(cli, tmp_path, cloud, kind):
+    told = cli("lod", cloud, "--format", kind, "--out", tmp_path / "out")
+    assert set(told) >= CONTRACT
+    made = Path(told["file"])
+    assert told["items"] == 5000
+    if kind == "potree":
+        assert {path.name for path in made.iterdir()} >= {"metadata.json", "octree.bin"}
+        return
+    assert told["bytes"] == made.stat().st_size
+    decoded = cli("decode", made, "--out", tmp_path / "back.ply")
+    assert (decoded["items"], decoded["unit"]) == (5000, "points")
+    given, found = read_points(cloud), read_points(tmp_path / "back.ply")
+    near = cKDTree(found.points).query(given.points)[1]
+    assert len(np.unique(near)) == 5000
+    assert np.abs(found.points[near] - given.points).max() <= told["rounding_error"] + 1e-9
+    np.testing.assert_array_equal(found.color[near], given.color)

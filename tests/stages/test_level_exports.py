@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from stages.main import PIPELINE
 from workbench.cli import run_cli
+from workbench.formats.point_files import read_points
 from workbench.formats.surface_files import write_surface_ply
 from workbench.pointcodecs.cube_file import read_point_cubes
 from workbench.surfels.surfel_file import surfel_points
@@ -97,3 +99,34 @@ def test_surfels_and_cells_are_exported_and_told(cli, project):
     assert section_of(project, "Surfels") is section_of(project, "Coded points") is None
     assert not list((project / "exports").glob("*.surfels"))
     assert not list((project / "exports").glob("*.pcube"))
+
+
+@pytest.mark.parametrize("most", [1000, 1_000_000])
+def test_samples_go_to_clouds_in_the_users_coordinates(cli, tmp_path, most):
+    """From memory, and from a layered cloud when there are more than memory may hold."""
+    made, placed = tmp_path / "ball", ("--set", "world_offset_m=[4000000,2500000,300]")
+    cli("simulate", made, "--scene", "sphere", "--scans", 8, "--set", "scanner.rows=70",
+        "--set", "scanner.cols=70", *placed)  # fmt: skip
+    ran = cli(
+        "run", made, "--to", "export", "--set", f"fuse.memory_samples={most}",
+        "--set", 'export.clouds=["laz","ply","potree"]',
+    )  # fmt: skip
+    stages = {stage["name"]: stage for stage in ran["stages"]}
+    said = {m["name"]: m["value"] for m in stages["export"]["metrics"]}
+    laz, ply = (read_points(made / "exports" / f"points.{kind}") for kind in ("laz", "ply"))
+    assert len(laz) == len(ply) > 3000
+    assert said["points_laz"] == pytest.approx(
+        (made / "exports" / "points.laz").stat().st_size / 1e6
+    )
+    potree = json.loads((made / "exports" / "potree" / "metadata.json").read_text())
+    assert potree["points"] == len(ply)
+    # A sphere of 0.2 m or so about a place in the user's coordinates: all are as far from it.
+    middle = np.linalg.lstsq(
+        np.column_stack([2 * (ply.points - PLACE), np.ones(len(ply))]),
+        ((ply.points - PLACE) ** 2).sum(axis=1), rcond=None,
+    )[0][:3]  # fmt: skip
+    radii = np.linalg.norm(ply.points - PLACE - middle, axis=1)
+    assert radii.std() < 1e-3
+    near, _ = cKDTree(ply.points - PLACE).query(laz.points - PLACE)
+    assert near.max() < 1e-4
+    assert (np.abs(np.linalg.norm(laz.normals, axis=1) - 1) < 1e-4).all()

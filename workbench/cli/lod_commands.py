@@ -34,7 +34,8 @@ def add_lod_commands(app: typer.Typer) -> None:
                 "--format",
                 help="voxels: levels of detail; svo, svdag, ussvdag, esvdag, ssvdag, osvdag: one "
                 "sparse voxel graph, which can be traced; surfels: levels of discs; ci, eci, "
-                "context: points as coded cells.",
+                "context: points as coded cells; laz, las, copc, potree, e57, ply, layered: clouds "
+                "of points.",
             ),
         ] = "voxels",
         resolution: Annotated[

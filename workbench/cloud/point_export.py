@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 from workbench.cloud.building import build_cloud
 from workbench.cloud.layered_cloud import LayeredCloud
 from workbench.cloud.point_octree import MEMORY_BYTES, StreamedOctree
-from workbench.cloud.point_sources import StreamBlocks, cloud_schema, open_points
+from workbench.cloud.point_sources import PointSource, StreamBlocks, cloud_schema, open_points
 from workbench.errors import InputError, SettingsError
 from workbench.formats.copc import write_copc
 from workbench.formats.e57_writing import write_e57_points
@@ -29,7 +29,7 @@ ROUNDED_FORMATS = ("las", "laz", "copc", "potree")
 
 
 def export_points(
-    source: Path | LayeredCloud | PointSet,
+    source: PointSource,
     path: Path,
     file_format: str,
     *,
@@ -100,9 +100,9 @@ def export_points(
         } | told
 
 
-def _check_places(source: Path | LayeredCloud | PointSet, path: Path) -> None:
+def _check_places(source: PointSource, path: Path) -> None:
     read = source.path if isinstance(source, LayeredCloud) else source
-    if isinstance(read, PointSet):
+    if isinstance(read, PointSet | PointStream):
         return
     if Path(read).resolve() == path.resolve():
         raise InputError(

@@ -24,22 +24,27 @@ _ATTRIBUTES = {
 }
 
 
+PointSource = Path | LayeredCloud | PointSet | PointStream
+
+
 @contextmanager
-def open_points(source: Path | LayeredCloud | PointSet) -> Iterator[PointStream]:
+def open_points(source: PointSource) -> Iterator[PointStream]:
     """The points of a source, for as long as the body of the ``with`` lasts.
 
     Parameters
     ----------
     source
         A layered cloud, open or a file that ends in ``.cloud``; any other file of points; or
-        points in memory.
+        points in memory; or a stream as it is.
 
     Raises
     ------
     InputError
         As `read_points` and `LayeredCloud`.
     """
-    if isinstance(source, PointSet):
+    if isinstance(source, PointStream):
+        yield source
+    elif isinstance(source, PointSet):
         yield surveyed(slices_of(source))
     elif isinstance(source, LayeredCloud):
         yield cloud_stream(source)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,15 @@ class PointStream:
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     attributes: frozenset[str]
+
+    def moved(self, by: NDArray[np.float64]) -> PointStream:
+        """The same points with ``by`` (3,) added to each."""
+
+        def batches() -> Iterator[PointSet]:
+            for batch in self.batches():
+                yield replace(batch, points=batch.points + by)
+
+        return PointStream(batches, self.count, self.low + by, self.high + by, self.attributes)
 
 
 def slices_of(points: PointSet) -> Batches:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from workbench.cloud.point_sources import CLOUD_SUFFIX, points_of
 from workbench.errors import SettingsError
 from workbench.formats.ply_points import write_ply_points
 from workbench.formats.point_files import point_stream
@@ -77,4 +78,6 @@ def _stream(path: Path, suffix: str, count: int | None) -> PointStream:
         return surveyed(slices_of(surfel_points(path, count)), path)
     if suffix == CUBE_SUFFIX:
         return surveyed(slices_of(read_point_cubes(path).point_set()), path)
+    if suffix == CLOUD_SUFFIX:
+        return surveyed(slices_of(points_of(path)), path)
     return point_stream(path)

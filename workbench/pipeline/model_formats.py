@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from workbench.cloud.point_export import export_points
+from workbench.cloud.point_sources import CLOUD_SUFFIX
 from workbench.errors import InputError, SettingsError
 from workbench.pipeline.model_source import ModelSource
 from workbench.pipeline.surface_cells import surface_cells
@@ -33,7 +35,17 @@ from workbench.voxels.voxel_points import LOD_SUFFIX
 
 Subset = Literal["thin", "conservative"]
 
-_VOXELS, _CELLS, _SURFELS = 2048, 1024, 100_000
+_VOXELS, _CELLS = 2048, 1024
+#: Formats of clouds, and the files they are kept in.
+CLOUD_FILES: Mapping[str, str] = {
+    "laz": "points.laz",
+    "las": "points.las",
+    "copc": "points.copc.laz",
+    "potree": "potree",
+    "e57": "points.e57",
+    "ply": "points.ply",
+    "layered": f"points{CLOUD_SUFFIX}",
+}
 
 
 @dataclass(frozen=True)
@@ -93,11 +105,12 @@ class ModelFormat:
 
     def place(self, out: Path) -> Path:
         """``out`` where it has the format's ending, else the format's file in that folder."""
-        return out if out.name.endswith(self.ending) else out / self.file
+        named = self.ending and out.name.endswith(self.ending)
+        return out if named else out / self.file
 
     @property
     def ending(self) -> str:
-        """From the first dot on."""
+        """From the first dot on; nothing for a folder."""
         return "".join(Path(self.file).suffixes)
 
 
@@ -258,6 +271,14 @@ def _cubes(codec: str) -> Write:
     return write
 
 
+def _cloud(name: str) -> Write:
+    def write(source: ModelSource, path: Path, options: FormatOptions) -> dict[str, Any]:
+        del options
+        return export_points(source.path, path, name)
+
+    return write
+
+
 def _colors(source: ModelSource) -> str:
     mesh, texture = source.surface
     if texture is not None:
@@ -295,6 +316,10 @@ def _formats() -> Mapping[str, ModelFormat]:
                 lambda options: None,
             )
             for name in CODECS
+        },
+        **{
+            name: ModelFormat(file, "points", frozenset(), _cloud(name), lambda options: None)
+            for name, file in CLOUD_FILES.items()
         },
     }
 

@@ -6,16 +6,17 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from workbench.cloud.point_sources import CLOUD_SUFFIX, points_of
 from workbench.errors import InputError
 from workbench.formats.ply_layout import LONGEST_HEADER, parse_header
-from workbench.formats.point_files import POINT_SUFFIXES, read_points
+from workbench.formats.point_files import POINT_SUFFIXES
 from workbench.formats.surface_files import SURFACE_SUFFIXES
 from workbench.formats.textured_surface import read_textured_surface
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.point_set import PointSet
 from workbench.geometry.surface_texture import SurfaceTexture
 
-MODEL_SUFFIXES = tuple(dict.fromkeys((*SURFACE_SUFFIXES, ".gltf", *POINT_SUFFIXES)))
+MODEL_SUFFIXES = tuple(dict.fromkeys((*SURFACE_SUFFIXES, ".gltf", *POINT_SUFFIXES, CLOUD_SUFFIX)))
 """The extensions of files with a surface or points, in lower case."""
 
 
@@ -63,5 +64,5 @@ class ModelSource:
 
     @cached_property
     def points(self) -> PointSet:
-        """As `read_points` gives them, with the same errors: of a surface its vertices."""
-        return read_points(self.path)
+        """As `points_of` gives them, with the same errors: of a surface its vertices."""
+        return points_of(self.path)

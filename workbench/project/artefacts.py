@@ -167,6 +167,14 @@ _TABLE = (
     Artefact(
         "surfels", "exports/surfels.surfels", "file", "surfels of the surface, coarse to fine"
     ),
+    Artefact("points_laz", "exports/points.laz", "file", "samples for programs of clouds"),
+    Artefact("points_las", "exports/points.las", "file", "samples for programs of clouds"),
+    Artefact("points_copc", "exports/points.copc.laz", "file", "samples, level by level"),
+    Artefact("points_e57", "exports/points.e57", "file", "samples for programs of scans"),
+    Artefact("points_ply", "exports/points.ply", "file", "samples with every bit"),
+    Artefact("potree_metadata", "exports/potree/metadata.json", "file", "samples for Potree"),
+    Artefact("potree_hierarchy", "exports/potree/hierarchy.bin", "file", "their octree"),
+    Artefact("potree_octree", "exports/potree/octree.bin", "file", "their points"),
     Artefact("point_cubes", "exports/points.pcube", "file", "cells of the surface, coded"),
     Artefact("records", "work/{item}/record.json", "json", "what each stage did"),
     Artefact("report_html", "report/report.html", "file", "the report for people"),
