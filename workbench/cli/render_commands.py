@@ -1,11 +1,10 @@
-"""Pictures without a display: of voxel files, and of projects from their photographs."""
+"""Pictures without a display: of files, and of projects."""
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -14,41 +13,9 @@ from workbench.console import Answer
 from workbench.errors import InputError, SettingsError
 from workbench.pipeline.meter import Meter
 from workbench.pipeline.progress import Progress
-from workbench.project.project import Project
 from workbench.project.settings import suggestion
 
-if TYPE_CHECKING:
-    from workbench.geometry.photo_camera import PhotoCamera
-    from workbench.voxels.voxel_set import VoxelGrid
-
-MODES = ("voxels", "stitch")
-_MOST_PIXELS = 1 << 26
-_VOXEL_EXPORTS = ("voxel_graph", "voxel_lod")
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """What ``--camera`` and ``--size`` ask for; angles in degrees, or the name of a photograph."""
-
-    photo: str | None
-    azimuth: float
-    elevation: float
-    up: str | None
-    width: int
-    height: int
-
-    def around(self, grid: VoxelGrid, up: str) -> PhotoCamera:
-        """A camera that sees the whole of a cube."""
-        from workbench.voxels.graph_pictures import camera_around
-
-        return camera_around(
-            grid,
-            self.width,
-            self.height,
-            azimuth=self.azimuth,
-            elevation=self.elevation,
-            up=self.up or up,
-        )
+MODES = ("voxels", "stitch", "surface", "surfels")
 
 
 def add_render_commands(app: typer.Typer) -> None:
@@ -56,13 +23,14 @@ def add_render_commands(app: typer.Typer) -> None:
 
     @app.command(rich_help_panel="Tools")
     def render(
-        path: Annotated[Path, typer.Argument(help="A .voxgraph or .vlod file, or a project.")],
+        path: Annotated[Path, typer.Argument(help="A file of the mode's kind, or a project.")],
         out: Annotated[Path, typer.Option(help="The PNG file to write.")],
         mode: Annotated[
             str,
             typer.Option(
                 help="voxels: traced, with hard shadows; stitch: a project's depth meshes with "
-                "its photographs."
+                "its photographs; surface: by rays, with its texture or colours; surfels: as "
+                "discs."
             ),
         ] = "voxels",
         camera: Annotated[
@@ -70,7 +38,8 @@ def add_render_commands(app: typer.Typer) -> None:
             typer.Option(
                 metavar="AZ,EL[,UP]",
                 help="Degrees around and above the object, and its upward axis (y, or z for "
-                "projects); photo:NAME for the place of a project's photograph.",
+                "projects); eye=x,y,z;to=x,y,z;fov=degrees as in links to the page; photo:NAME "
+                "for the place of a project's photograph.",
             ),
         ] = "30,15",
         size: Annotated[
@@ -85,7 +54,9 @@ def add_render_commands(app: typer.Typer) -> None:
                 expected=", ".join(MODES),
                 fix=suggestion(mode, MODES) or "choose one of the expected names",
             )
-        wanted = _wanted(camera, size)
+        from workbench.viewer.drawn_models import RENDERERS, WantedView
+
+        wanted = WantedView.of_texts(camera, size)
         if out.suffix.lower() != ".png" or not out.parent.is_dir():
             raise InputError(
                 "The picture cannot be written there",
@@ -94,10 +65,10 @@ def add_render_commands(app: typer.Typer) -> None:
                 fix="correct --out",
             )
         with Progress().step(f"rendering {path.name}"), Meter() as meter:
-            drawn = _stitched(path, wanted) if mode == "stitch" else _traced(path, wanted)
-            _write(out, drawn)
-        height, width = drawn.shape[:2]
-        shown = float((drawn[..., 3] > 0).mean())
+            drawn = RENDERERS[mode](path, wanted)
+            _write(out, drawn.picture)
+        height, width = drawn.picture.shape[:2]
+        shown = float((drawn.picture[..., 3] > 0).mean())
         return Answer(
             {
                 "file": str(out),
@@ -105,58 +76,12 @@ def add_render_commands(app: typer.Typer) -> None:
                 "width": width,
                 "height": height,
                 "shown": shown,
+                "camera": asdict(drawn.view),
                 "seconds": meter.seconds,
                 "peak_rss_bytes": meter.peak_rss_bytes,
             },
             f"{out}: {width} × {height} pixels in {meter.seconds:.1f} s",
         )
-
-
-def _traced(path: Path, wanted: _Wanted) -> Any:
-    """A voxel file, or the one that a project exported."""
-    from workbench.voxels.graph_pictures import picture
-    from workbench.voxels.voxel_points import traceable_graph
-
-    if wanted.photo is not None:
-        raise SettingsError(
-            "Voxels are drawn from around the object",
-            expected="AZ,EL[,UP]",
-            found=f"photo:{wanted.photo}",
-            fix="such as --camera 30,15; or --mode stitch",
-        )
-    up = "z" if path.is_dir() else "y"
-    voxels = traceable_graph(_exported_voxels(path) if path.is_dir() else path)
-    return picture(voxels, wanted.around(voxels.grid, up))
-
-
-def _exported_voxels(folder: Path) -> Path:
-    store = Project(folder).store
-    for name in _VOXEL_EXPORTS:
-        if store.exists(name):
-            return store.path(name)
-    raise InputError(
-        "The project has no voxels",
-        file=folder,
-        fix=f"workbench export {folder} --set export.voxels=ssvdag",
-    )
-
-
-def _stitched(path: Path, wanted: _Wanted) -> Any:
-    from workbench.geometry.photo_view import reduced_camera
-    from workbench.pipeline.stitched_pictures import StitchedProject
-    from workbench.voxels.voxel_set import grid_of_mesh
-
-    if path.is_file():
-        raise InputError(
-            "Photographs are stitched on a project", file=path, fix="name the project's folder"
-        )
-    project = StitchedProject.of(Project(path))
-    if wanted.photo is None:
-        return project.picture(wanted.around(grid_of_mesh(project.surface.vertices, 1), "z"))
-    camera = project.camera_of(wanted.photo)
-    share = min(wanted.width / camera.width, wanted.height / camera.height)
-    width, height = (max(1, round(share * side)) for side in (camera.width, camera.height))
-    return project.picture(reduced_camera(camera, width, height))
 
 
 def _write(out: Path, drawn: Any) -> None:
@@ -165,33 +90,3 @@ def _write(out: Path, drawn: Any) -> None:
 
     with replacing(out) as partial:
         write_color_png(partial, drawn)
-
-
-def _wanted(camera: str, size: str) -> _Wanted:
-    """What the texts say.
-
-    Raises
-    ------
-    SettingsError
-        They say nothing that is understood.
-    """
-    sides = re.fullmatch(r"(\d{1,6})[x×](\d{1,6})", size)
-    width, height = (int(side) for side in sides.groups()) if sides else (0, 0)
-    if not 0 < width * height <= _MOST_PIXELS:
-        raise SettingsError(
-            f"--size {size!r} is not understood",
-            expected=f"WxH, at most {_MOST_PIXELS:,} pixels",
-            fix="such as --size 1280x720",
-        )
-    kind, _, name = camera.partition(":")
-    if kind == "photo" and name:
-        return _Wanted(name, 0.0, 0.0, None, width, height)
-    number = r"\s*([+-]?\d+(?:\.\d*)?)\s*"
-    found = re.fullmatch(rf"{number},{number}(?:,\s*([yz])\s*)?", camera)
-    if not found or abs(float(found[2])) >= 90.0:
-        raise SettingsError(
-            f"--camera {camera!r} is not understood",
-            expected="AZ,EL[,y or z] in degrees, EL between -90 and 90; or photo:NAME",
-            fix="such as --camera 30,15",
-        )
-    return _Wanted(None, float(found[1]), float(found[2]), found[3], width, height)
