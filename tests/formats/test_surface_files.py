@@ -124,11 +124,14 @@ def glb_parts(data: bytes) -> tuple[dict, bytes]:
 
 def test_glb_is_as_the_specification_says(tmp_path, ball):
     path = tmp_path / "a.glb"
-    write_surface_glb(path, ball, [1, 2, 3])
+    far = np.linspace(0.0, 1.0, len(ball.vertices))
+    far[3] = np.inf
+    write_surface_glb(path, ball.with_attributes(distance_to_samples_m=far), [1, 2, 3])
     document, binary = glb_parts(path.read_bytes())
     assert document["buffers"] == [{"byteLength": len(binary)}]
     attributes = document["meshes"][0]["primitives"][0]["attributes"]
-    assert set(attributes) == {"POSITION", "NORMAL", "COLOR_0", "_PROVENANCE", "_COLOR_PROVENANCE"}
+    told = {"_PROVENANCE", "_COLOR_PROVENANCE", "_DISTANCE_TO_SAMPLES_M"}
+    assert set(attributes) == {"POSITION", "NORMAL", "COLOR_0"} | told
     end = 0
     for view in document["bufferViews"]:
         assert view["byteOffset"] == end
@@ -157,6 +160,9 @@ def test_glb_is_as_the_specification_says(tmp_path, ball):
     assert np.abs(np.linalg.norm(normal, axis=1) - 1).max() < 1e-6
     provenance = array(attributes["_PROVENANCE"], "u1", 1)[:, 0]
     assert np.array_equal(provenance, ball.vertex_attributes["provenance"])
+    distance = array(attributes["_DISTANCE_TO_SAMPLES_M"], "<f4", 1)[:, 0]
+    assert distance[3] == -1.0
+    np.testing.assert_array_equal(np.delete(distance, 3), np.delete(far, 3).astype(np.float32))
     # Mid grey in sRGB, 188, is half the light.
     linear = array(attributes["COLOR_0"], "<f4", 3)
     assert np.array_equal(srgb_from_linear(linear), ball.vertex_attributes["color"])

@@ -42,6 +42,9 @@ def project(tmp_path: Path, sphere: Callable[..., TriangleMesh]) -> Project:
         normal=vertex_normals(ball),
         provenance=above[:, 0].astype(np.uint8),
         color_provenance=np.zeros(len(color), np.uint8),
+        distance_to_samples_m=np.where(
+            above[:, 0], np.inf, 0.002 * (PLACE[2] - ball.vertices[:, 2])
+        ),
     )
     write_surface_ply(tmp_path / "ball.ply", mesh)
     root = create_project(tmp_path / "ball", geometry=tmp_path / "ball.ply").root

@@ -31,9 +31,9 @@ def test_it_shows_what_rays_meet(site: Site, serve, show, ball):
     assert tab.told == []
     assert tab.told_to_user() == []
     assert tab.value("page.stage.counts.items") == 20 * 4**5
-    # Bytes on the card: positions, normals, colours, two provenances and indices.
+    # Bytes on the card: positions, normals, colours, provenances, distances and indices.
     n, m = len(ball.vertices), len(ball.triangles)
-    assert tab.value("page.stage.counts.bytes") == n * (12 + 12 + 12 + 4 + 4) + m * 12
+    assert tab.value("page.stage.counts.bytes") == n * (12 + 12 + 12 + 4 + 4 + 4) + m * 12
 
 
 def test_overlays_section_and_distance(site: Site, serve, show):
@@ -44,6 +44,14 @@ def test_overlays_section_and_distance(site: Site, serve, show):
     assert np.abs(above - [0xC8, 0x79, 0x1A]).max() <= 2
     assert np.abs(below - [0x5A, 0x8F, 0x8A]).max() <= 2
     assert tab.page.locator("#legend li").all_inner_texts() == ["measured", "filled in"]
+    # Up to 2 mm from the samples at the bottom; above there are none.
+    tab.page.locator('#overlays [data-key="distance"]').click()
+    assert tab.page.locator("#legend li").all_inner_texts() == ["none", "2 mm and more"]
+    picture = tab.picture().astype(int)
+    assert np.abs(picture[200, 320] - [0x9A, 0x95, 0x8B]).max() <= 2
+    rows = picture[310:370:10, 320]
+    assert (np.diff(rows[:, 1]) < 0).all()
+    tab.page.locator('#overlays [data-key="provenance"]').click()
     # The middle of a ball of radius 1 from 4.3 m away, and a place beside it.
     tab.page.locator("#measure").click()
     for x in (320, 380):

@@ -124,8 +124,8 @@ class GlbParts:
         self.accessors: list[dict[str, Any]] = []
 
     def vertices(self, rows: NDArray[np.floating[Any]], *, bounds: bool = False) -> int:
-        """Append float32 vectors (count, 2 or 3) and return their accessor."""
-        kind = f"VEC{rows.shape[1]}"
+        """Append float32 numbers or vectors (count, 1 to 3) and return their accessor."""
+        kind = f"VEC{rows.shape[1]}" if rows.shape[1] > 1 else "SCALAR"
         return self._add(rows.astype("<f4"), _FLOAT, kind, _VERTICES, bounds=bounds)
 
     def vertex_bytes(self, rows: NDArray[np.uint8]) -> int:

@@ -45,8 +45,9 @@ def write_surface_glb(
     ``world_from_local_origin`` and ``world_from_positions``, which added to a position gives
     world coordinates; the node is translated by the latter when that is at most a thousand
     bounding-box diagonals, since viewers compute in float32. Normals, linear vertex colours,
-    and ``provenance`` and ``color_provenance`` as ``_PROVENANCE`` and ``_COLOR_PROVENANCE``
-    are written when the mesh has them. The axes stay those of the mesh.
+    ``provenance`` and ``color_provenance`` as ``_PROVENANCE`` and ``_COLOR_PROVENANCE``, and
+    ``distance_to_samples_m`` as ``_DISTANCE_TO_SAMPLES_M``, −1 where there is no sample, are
+    written when the mesh has them. The axes stay those of the mesh.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def write_surface_glb(
         The file to write.
     mesh
         Vertices in the local frame; attributes ``normal`` (n, 3), ``color`` (n, 3) uint8
-        sRGB, ``provenance`` and ``color_provenance`` (n,) uint8.
+        sRGB, ``provenance`` and ``color_provenance`` (n,) uint8, ``distance_to_samples_m`` (n,).
     world_from_local_origin
         (3,) where the zero of the local frame lies in the world.
 
@@ -93,4 +94,9 @@ def _attributes(mesh: TriangleMesh, centre: NDArray[np.float64], parts: GlbParts
             padded = np.zeros((len(positions), 4), np.uint8)
             padded[:, 0] = given[name]
             attributes[f"_{name.upper()}"] = parts.vertex_bytes(padded)
+    if "distance_to_samples_m" in given:
+        distance = np.asarray(given["distance_to_samples_m"], np.float64)
+        # glTF knows no infinity; no sample at all is −1.
+        known = np.where(np.isfinite(distance), distance, -1.0)
+        attributes["_DISTANCE_TO_SAMPLES_M"] = parts.vertices(known[:, None])
     return attributes
