@@ -28,12 +28,20 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.geometry.photo_camera import PhotoCamera
+from workbench.geometry.photo_view import reduced_camera
+from workbench.pipeline.stitched_pictures import StitchedProject
+from workbench.project.project import Project
+from workbench.project.store import ProductStore
 from workbench.render.stitch.levelling import LevellingSettings
 from workbench.render.stitch.scene import StitchScene
 from workbench.render.stitch.stitching import StitchSettings
 
 MESHES, TOLD = "meshes.bin", "stitched.json"
 _QUALITY = 92
+# Graphics cards take textures of this side, and a few of them at once.
+_LONGEST_PX = 4096
+# A reduced pixel is used where all pixels it is made of may be.
+_ALL = 0.999
 _FOREGROUND = 1 << 15
 _COST_STEP = 1.0 / 8192.0
 # What pages pack into one number: 13 bits for meshes, 15 for photographs and the foreground.
@@ -50,6 +58,23 @@ _PLACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "RADIAL_FISHEYE": ((0, 1), (2,), (3,), (4,), (5,)),
     "OPENCV_FISHEYE": tuple((k,) for k in range(8)),
 }
+
+
+def write_project(store: ProductStore, folder: Path) -> dict[str, Any]:
+    """Write what a project has textured; what ``stitched.json`` says is returned.
+
+    Raises
+    ------
+    InputError
+        It has no textured depth meshes, or what `write_stitched` says.
+    """
+    project = StitchedProject.of(Project(store.root))
+    origin = np.zeros(3)
+    if store.exists("scan_inventory"):
+        origin = np.array(store.load("scan_inventory")["origin_m"], np.float64)
+    photographs = project.scene
+    scene = StitchScene.of(photographs.meshes)
+    return write_stitched(folder, scene, photographs.cameras, photographs.picture, origin)
 
 
 def write_stitched(
@@ -102,9 +127,9 @@ def write_stitched(
         "photos": [
             {
                 **_camera(camera, middle),
-                **_write_picture(folder, k, pictures if k in used else None),
+                **_write_picture(folder, k, camera, pictures if k in used else None),
             }
-            for k, camera in enumerate(cameras)
+            for k, camera in enumerate(map(_small, cameras))
         ],
     }
     (folder / TOLD).write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -147,6 +172,12 @@ def _write_meshes(
     return told
 
 
+def _small(camera: PhotoCamera) -> PhotoCamera:
+    """The camera of a picture that cards take."""
+    share = min(1.0, _LONGEST_PX / max(camera.width, camera.height))
+    return reduced_camera(camera, round(share * camera.width), round(share * camera.height))
+
+
 def _camera(camera: PhotoCamera, middle: NDArray[np.float64]) -> dict[str, Any]:
     """What a page has to know to find a place in a photograph."""
     if camera.model not in _PLACES:
@@ -169,15 +200,23 @@ def _camera(camera: PhotoCamera, middle: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _write_picture(
-    folder: Path, number: int, pictures: Callable[[int], NDArray[np.uint8]] | None
+    folder: Path,
+    number: int,
+    camera: PhotoCamera,
+    pictures: Callable[[int], NDArray[np.uint8]] | None,
 ) -> dict[str, Any]:
-    """A photograph and what of it may be used, as files of their own."""
+    """A photograph of a camera's size and what of it may be used, as files of their own."""
     told: dict[str, Any] = {"picture": None, "mask": None}
     if pictures is None:
         return told
     picture = pictures(number)
     usable = picture[..., 3] > 0
-    files = {"picture": (".jpg", _filled(picture[..., :3], usable)[..., ::-1])}
+    colors, size = _filled(picture[..., :3], usable), (camera.width, camera.height)
+    if size != picture.shape[1::-1]:
+        colors = np.asarray(cv2.resize(colors, size, interpolation=cv2.INTER_AREA), np.uint8)
+        share = cv2.resize(usable.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        usable = np.asarray(share > _ALL)
+    files = {"picture": (".jpg", colors[..., ::-1])}
     if not usable.all():
         files["mask"] = (".png", np.where(usable, np.uint8(255), np.uint8(0)))
     # Colours keep their places: halved, they would bleed over the borders of what may be used.

@@ -186,8 +186,12 @@ export class Choice {
     this.targets = { nearest, slots, chosen: [made(["RG32UI"]), made(["RG32UI"])] };
   }
 
-  /** Draw meshes as a view sees them and leave the chosen fragments in a target of RGBA32UI. */
-  draw(meshes, view, look, shown) {
+  /**
+   * Draw meshes as a view sees them and leave the chosen fragments in a target of RGBA32UI.
+   *
+   * quick leaves neighbours without a vote. How many triangles there were is returned.
+   */
+  draw(meshes, view, look, shown, quick) {
     const { gl, told, targets } = this;
     const planes = frustumPlanes(view.clip);
     gl.enable(gl.DEPTH_TEST);
@@ -202,8 +206,9 @@ export class Choice {
       gl.uniform3fv(made.uniforms.u_shift, this.shift);
     };
     start(this.front, targets.nearest);
-    meshes.draw(planes, () => {});
-    targets.slots.forEach((slot, k) => {
+    const triangles = meshes.draw(planes, () => {});
+    const used = quick ? targets.slots.slice(0, 1) : targets.slots;
+    used.forEach((slot, k) => {
       const { uniforms } = this.competing;
       start(this.competing, slot);
       gl.clearBufferuiv(gl.COLOR, 0, [0, 0, 0, 0]);
@@ -217,10 +222,10 @@ export class Choice {
     });
     gl.disable(gl.CULL_FACE);
     gl.disable(gl.DEPTH_TEST);
-    const slots = Object.fromEntries(targets.slots.map((slot, k) => [`u_slot${k}`, slot.texture]));
+    const slots = Object.fromEntries(targets.slots.map((_, k) => [`u_slot${k}`, used[k]?.texture ?? null]));
     let [now, next] = targets.chosen;
     this.passes.first.run(now, slots);
-    for (let round = 0; round < told.vote.rounds; round++) {
+    for (let round = 0; round < (quick ? 0 : told.vote.rounds); round++) {
       const uniforms = this.passes.vote.begin(next, { ...slots, u_chosen: now.texture });
       gl.uniform1i(uniforms.u_settledAlone, round === 0 ? 1 : 0);
       gl.uniform1i(uniforms.u_radius, told.vote.radius);
@@ -232,6 +237,7 @@ export class Choice {
       [now, next] = [next, now];
     }
     this.passes.shown.run(shown, { ...slots, u_chosen: now.texture });
+    return triangles;
   }
 
   #free() {

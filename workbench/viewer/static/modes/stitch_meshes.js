@@ -89,6 +89,8 @@ export class Meshes {
     } finally {
       this.running -= 1;
       this.answered = true;
+      // A server that knows no parts has sent the whole file, which is no longer needed.
+      if (!this.left.length && !this.running) this.source = null;
       if (!this.closed) this.context.redraw();
     }
   }
@@ -114,17 +116,20 @@ export class Meshes {
     this.there += 1;
   }
 
-  /** Draw all that the planes [a, b, c, d] of a view let in; each is told to before. */
+  /** Draw all that the planes [a, b, c, d] of a view let in; before is called with the number of each. */
   draw(planes, before) {
     const { gl, counts } = this.context;
+    let triangles = 0;
     this.made.forEach((mesh, number) => {
       const { low, high } = this.told[number];
       if (!mesh || boxInPlanes(planes, add(low, this.shift), add(high, this.shift)) < 0) return;
       before(number);
       mesh.array.bind();
       gl.drawElements(gl.TRIANGLES, mesh.count, mesh.type, 0);
-      counts.drew(mesh.count / 3);
+      counts.drew(0);
+      triangles += mesh.count / 3;
     });
+    return triangles;
   }
 
   dispose() {

@@ -28,8 +28,7 @@ void main() { o_color = vec4(texelFetch(u_mask, ivec2(gl_FragCoord.xy), 0).r); }
 /** How many pixels show each photograph, told a little later: nobody waits for the card. */
 export class Histogram {
   constructor(gl, counts) {
-    Object.assign(this, { gl, counts, pass: new Pass(gl, SAMPLED), fence: null });
-    this.buffer = gl.createBuffer();
+    Object.assign(this, { gl, counts, pass: new Pass(gl, SAMPLED), fence: null, buffer: null, asked: 0, tookMs: 0 });
   }
 
   resize(width, height) {
@@ -37,9 +36,6 @@ export class Histogram {
     this.#forget();
     this.target?.dispose();
     this.target = new Target(gl, counts, ["RGBA8"], Math.ceil(width / STEP), Math.ceil(height / STEP));
-    gl.bindBuffer(gl.PIXEL_PACK_BUFFER, this.buffer);
-    gl.bufferData(gl.PIXEL_PACK_BUFFER, 4 * this.target.width * this.target.height, gl.STREAM_READ);
-    gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
   }
 
   get pending() {
@@ -50,17 +46,21 @@ export class Histogram {
   ask(shown) {
     const { gl, target } = this;
     this.pass.run(target, { u_shown: shown.texture });
+    this.buffer = gl.createBuffer();
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, this.buffer);
+    gl.bufferData(gl.PIXEL_PACK_BUFFER, 4 * target.width * target.height, gl.STREAM_READ);
     gl.readPixels(0, 0, target.width, target.height, gl.RGBA, gl.UNSIGNED_BYTE, 0);
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
+    this.asked = performance.now();
   }
 
   /** Photograph → pixels, null while it is not known yet. */
   answer() {
     const { gl, target } = this;
     if (!this.fence || gl.clientWaitSync(this.fence, 0, 0) === gl.TIMEOUT_EXPIRED) return null;
+    this.tookMs = performance.now() - this.asked;
     const bytes = new Uint8Array(4 * target.width * target.height);
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, this.buffer);
     gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, bytes);
@@ -75,13 +75,14 @@ export class Histogram {
   }
 
   #forget() {
-    if (this.fence) this.gl.deleteSync(this.fence);
+    if (!this.fence) return;
+    this.gl.deleteSync(this.fence);
+    this.gl.deleteBuffer(this.buffer);
     this.fence = null;
   }
 
   dispose() {
     this.#forget();
-    this.gl.deleteBuffer(this.buffer);
     this.target?.dispose();
     this.pass.dispose();
   }
@@ -115,7 +116,8 @@ export class Photos {
   }
 
   #missing() {
-    return this.wanted.filter((k) => !this.loaded.has(k) && !this.failed.has(k) && !this.running.has(k));
+    const coming = new Set([...this.running, ...this.failed, ...this.ready.map(([k]) => k)]);
+    return this.wanted.filter((k) => !this.loaded.has(k) && !coming.has(k));
   }
 
   /** Want the most relevant photographs for which there is room. */
@@ -150,6 +152,8 @@ export class Photos {
     this.running.add(number);
     const told = this.told[number];
     try {
+      const largest = this.context.gl.getParameter(this.context.gl.MAX_TEXTURE_SIZE);
+      if (Math.max(...told.size) > largest) throw new SourceError(`${told.picture} is larger than this graphics card takes`);
       const names = ["picture", "mask"].filter((kind) => told[kind]);
       const bitmaps = await Promise.all(names.map((kind) => this.#bitmap(told, kind)));
       if (bitmaps.some(({ width, height }) => width !== told.size[0] || height !== told.size[1])) {

@@ -11,13 +11,14 @@ import { FRAGMENT_GLSL, PLACE_GLSL, Pass, Target, setPlace } from "./stitch_scre
 import { Texturing } from "./stitch_texturing.js";
 
 // What all pictures of a screen take for each of its pixels, and how much of the budget they may.
-const BYTES_OF_PIXEL = 250;
+const BYTES_OF_PIXEL = 210;
 const SCREEN_SHARE = 0.5;
 // A camera that rests lets the levelling settle for so many pictures, of so many cycles.
 const SETTLING = 8;
 const CYCLES = 3;
 // While meshes and photographs come, pictures are made anew when there are so many times as many.
 const MORE = 1.5;
+const SLOW_MS = 80;
 
 const OVERLAYS = [
   { key: "color", label: "Photographs", number: 0 },
@@ -100,7 +101,10 @@ class Stitched {
     this.levelling = this.levelled ? new Levelling(gl, counts, told) : null;
     this.finished = new Pass(gl, FINISHED(this.levelled));
     this.items = this.meshes.triangles;
+    this.place = "";
     this.seen = "";
+    this.quick = false;
+    this.triangles = 0;
     this.drawn = 0;
     this.textured = 0;
     this.came = false;
@@ -112,7 +116,7 @@ class Stitched {
 
   get pending() {
     const settling = this.levelled && this.rest < SETTLING;
-    return this.came || this.meshes.pending || this.photos.pending || this.histogram.pending || !this.counted || settling;
+    return this.quick || this.came || this.meshes.pending || this.photos.pending || this.histogram.pending || !this.counted || settling;
   }
 
   draw(view, look) {
@@ -123,14 +127,18 @@ class Stitched {
     this.#fit(view, look);
     this.meshes.upload(look.budgetBytes - counts.bytes);
     this.meshes.load();
-    const seen = JSON.stringify([[...view.clip], look.section, this.size]);
+    const place = JSON.stringify([[...view.clip], look.section, this.size]);
+    // A slow card shows the best of each pixel alone while the camera moves.
+    const quick = this.place !== "" && place !== this.place && this.histogram.tookMs > SLOW_MS;
+    this.place = place;
+    const seen = `${place} ${quick}`;
     const moved = seen !== this.seen || this.#grown();
     if (moved) {
-      this.seen = seen;
+      Object.assign(this, { seen, quick });
       this.drawn = this.meshes.there;
       // The picture before is still needed to smooth over time.
       this.shown = [this.shown[1], this.shown[0]];
-      this.choice.draw(this.meshes, view, look, this.shown[0]);
+      this.triangles = this.choice.draw(this.meshes, view, look, this.shown[0], quick);
       this.counted = false;
     }
     if (!this.counted && !this.histogram.pending) {
@@ -154,7 +162,7 @@ class Stitched {
       this.levelling.solve(this.shown[0], view, CYCLES, this.rest === SETTLING);
     }
     this.#finish(out, view, look);
-    if (moved === false) counts.drew(this.items);
+    counts.items += this.triangles;
   }
 
   /** Whether so many meshes came that a new picture pays, or the last. */
