@@ -54,7 +54,7 @@ def add_render_commands(app: typer.Typer) -> None:
                 expected=", ".join(MODES),
                 fix=suggestion(mode, MODES) or "choose one of the expected names",
             )
-        from workbench.viewer.drawn_models import RENDERERS, WantedView
+        from workbench.viewer.drawn_models import WantedView, drawn_model
 
         wanted = WantedView.of_texts(camera, size)
         if out.suffix.lower() != ".png" or not out.parent.is_dir():
@@ -65,7 +65,7 @@ def add_render_commands(app: typer.Typer) -> None:
                 fix="correct --out",
             )
         with Progress().step(f"rendering {path.name}"), Meter() as meter:
-            drawn = RENDERERS[mode](path, wanted)
+            drawn = drawn_model(path, mode, wanted)
             _write(out, drawn.picture)
         height, width = drawn.picture.shape[:2]
         shown = float((drawn.picture[..., 3] > 0).mean())

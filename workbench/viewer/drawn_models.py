@@ -89,20 +89,7 @@ class WantedView:
         return cls(None, None, float(found[1]), float(found[2]), found[3], width, height)
 
     def camera(self, grid: VoxelGrid, up: str, origin: NDArray[np.float64]) -> PhotoCamera:
-        """The camera of a model in a cube, whose local coordinates begin at ``origin``.
-
-        Raises
-        ------
-        SettingsError
-            A photograph's place is asked for.
-        """
-        if self.photo is not None:
-            raise SettingsError(
-                "The place of a photograph is known of projects that are stitched",
-                expected="a camera from around the object: AZ,EL[,UP] or eye=…;to=…;fov=…",
-                found=f"photo:{self.photo}",
-                fix="such as --camera 30,15; or --mode stitch",
-            )
+        """The camera of a model in a cube, whose local coordinates begin at ``origin``."""
         if self.link is not None:
             return self.link.camera(origin, self.width, self.height)
         return camera_around(
@@ -183,13 +170,41 @@ def _stitched(path: Path, wanted: WantedView) -> DrawnModel:
     return DrawnModel(project.picture(camera), wanted.view(camera, origin))
 
 
-RENDERERS: Mapping[str, Callable[[Path, WantedView], DrawnModel]] = {
+_RENDERERS: Mapping[str, Callable[[Path, WantedView], DrawnModel]] = {
     "voxels": _voxels,
     "stitch": _stitched,
     "surface": _surface,
     "surfels": _surfels,
 }
-"""How each mode of ``render`` draws a file or a project."""
+
+
+def drawn_model(path: Path, mode: str, wanted: WantedView) -> DrawnModel:
+    """Draw a file or a project.
+
+    Parameters
+    ----------
+    path
+        A file of the mode's kind, or a project's folder.
+    mode
+        ``voxels``, ``stitch``, ``surface`` or ``surfels``.
+    wanted
+        From where.
+
+    Raises
+    ------
+    SettingsError
+        The place of a photograph is asked for in another mode than ``stitch``.
+    InputError
+        There is nothing to draw, or it is damaged.
+    """
+    if wanted.photo is not None and mode != "stitch":
+        raise SettingsError(
+            "The places of photographs belong to projects that are stitched",
+            expected="a camera around the object: AZ,EL[,UP] or eye=…;to=…;fov=…",
+            found=f"photo:{wanted.photo}",
+            fix="such as --camera 30,15; or --mode stitch",
+        )
+    return _RENDERERS[mode](path, wanted)
 
 
 def _up(path: Path) -> str:

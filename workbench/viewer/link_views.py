@@ -47,7 +47,7 @@ class LinkView:
             view = cls(_place(told["eye"]), _place(told.get("to", "0,0,0")))
             view = cls(view.eye, view.to, float(told.get("fov", _FIRST_FOV)))
             ahead = np.subtract(view.to, view.eye)
-            steep = abs(ahead[2]) > _STEEPEST * float(np.linalg.norm(ahead))
+            steep = abs(ahead[2]) >= _STEEPEST * float(np.linalg.norm(ahead))
             if steep or not _LEAST_FOV < view.fov < _MOST_FOV:
                 raise ValueError
         except (KeyError, ValueError):
