@@ -144,7 +144,7 @@ def _surfels(path: Path, wanted: WantedView) -> DrawnModel:
     site = path / "work" / "view" / DATA
     made = sorted(site.glob(f"surfels-*/*{SURFEL_SUFFIX}")) if path.is_dir() else []
     file = SurfelFile(
-        made[-1] if made else _exported(path, ("surfels",), "surfels", "export.surfels=true")
+        made[-1] if made else _exported(path, ("surfels",), "surfels", "export.surfels=50000")
     )
     bounds = file.bounds(0)
     origin = _origin(path) if path.is_dir() else bounds.mean(axis=0)

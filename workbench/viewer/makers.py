@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from shutil import copyfile
@@ -12,6 +13,7 @@ from workbench.viewer.representations import Made, Representation, SiteOptions
 # Surfels are chosen from some twenty times as many: with 50,000, from pictures of 512 pixels.
 _CANDIDATE_SHARE = 512**2 / 50_000
 _FEWEST_SPLIT = 1000
+_POTREE = ("potree_metadata", "potree_hierarchy", "potree_octree")
 
 
 def _textured(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
@@ -44,6 +46,14 @@ def _surfels(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
     return Made(told["items"], "surfels", "Discs, as many as the picture needs.")
 
 
+def _cloud(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+    del options
+    for name in _POTREE:
+        copyfile(store.path(name), folder / store.path(name).name)
+    told = json.loads((folder / "metadata.json").read_text(encoding="utf-8"))
+    return Made(int(told["points"]), "points", "The consolidated points of the scans.")
+
+
 def _triangles(path: Path) -> int:
     from workbench.formats.glb_container import read_glb_description
 
@@ -65,6 +75,10 @@ REPRESENTATIONS = (
         "surfels", "surfels", "Surfels", "surface.surfels", ("surface_ply",),
         "the surface was not exported: workbench export", _surfels,
         lambda options: options.surfels,
+    ),
+    Representation(
+        "cloud", "cloud", "Points of the scans", "metadata.json", _POTREE,
+        "it was not exported: workbench export --set export.clouds=potree", _cloud,
     ),
 )  # fmt: skip
 """All forms, the first that is there is shown first."""
