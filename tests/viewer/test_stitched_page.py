@@ -155,6 +155,13 @@ def test_it_shows_what_the_renderer_without_a_browser_shows(patches: Patches, se
     place = tab.value(f"page.stage.placeAt({column + 0.5}, {row + 0.5})")
     expected = view.shown.position[row, column] - MIDDLE
     assert np.linalg.norm(np.array(place) - expected) < patches.scene.epsilon / 10
+    # On a slow card a moving picture is simpler; at rest it is whole again.
+    quick = "page.stage.mode.histogram.tookMs = 1e3, page.camera.turn(0.3, 0), page.stage.frame()"
+    assert tab.value(f"({quick}, page.stage.mode.quick)")
+    tab.value("(page.camera.turn(-0.3, 0), page.stage.redraw())")
+    tab.settled()
+    assert similarity(tab.picture(), on_page(view.textured.color, seen)) > 0.98
+    assert not tab.value("page.stage.mode.quick")
     assert tab.told == []
     assert tab.told_to_user() == []
 

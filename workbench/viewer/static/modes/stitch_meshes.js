@@ -7,6 +7,8 @@ import { add, boxInPlanes } from "../vectors.js";
 
 const STRIDE = 20;
 const AT_ONCE = 3;
+// Bytes given to the GPU for one picture.
+const AT_A_TIME = 4 << 20;
 
 /**
  * Vertices and triangles of a block, so that every triangle has a last corner of its own.
@@ -95,14 +97,17 @@ export class Meshes {
     }
   }
 
-  /** Give one mesh that has come to the GPU, if there is room. */
+  /** Give meshes that have come to the GPU, a few at a time, while there is room. */
   upload(roomBytes) {
-    if (!this.ready.length) return;
-    const [number, { vertices, triangles }] = this.ready.shift();
-    if (vertices.byteLength + triangles.byteLength > roomBytes) {
-      this.context.tell("The graphics memory allowed is too small for all meshes: parts of the surface are left out.");
-      return;
+    for (let bytes = 0; this.ready.length && bytes < AT_A_TIME; ) {
+      const [number, made] = this.ready.shift();
+      bytes += made.vertices.byteLength + made.triangles.byteLength;
+      if (bytes <= roomBytes) this.#given(number, made);
+      else this.context.tell("The graphics memory allowed is too small for all meshes: parts of the surface are left out.");
     }
+  }
+
+  #given(number, { vertices, triangles }) {
     const { gl, counts } = this.context;
     const array = new VertexArray(gl, counts);
     array.vertices(vertices, STRIDE, [

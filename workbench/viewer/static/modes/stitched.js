@@ -17,7 +17,7 @@ const SCREEN_SHARE = 0.5;
 const SETTLING = 8;
 const CYCLES = 3;
 // While meshes and photographs come, pictures are made anew when there are so many times as many.
-const MORE = 1.5;
+const MORE = 2;
 const SLOW_MS = 80;
 
 const OVERLAYS = [
@@ -114,9 +114,12 @@ class Stitched {
     this.meshes.load();
   }
 
+  get #coming() {
+    return this.quick || this.came || this.meshes.pending || this.photos.pending || this.histogram.pending || !this.counted;
+  }
+
   get pending() {
-    const settling = this.levelled && this.rest < SETTLING;
-    return this.quick || this.came || this.meshes.pending || this.photos.pending || this.histogram.pending || !this.counted || settling;
+    return this.#coming || (this.levelled && this.rest < SETTLING);
   }
 
   draw(view, look) {
@@ -157,7 +160,8 @@ class Stitched {
       this.levelling?.begin(this.shown[0], this.colors, view);
       this.rest = 0;
     }
-    if (this.levelling && this.rest < SETTLING) {
+    // What is still to change is not settled.
+    if (this.levelling && this.rest < (this.#coming ? 1 : SETTLING)) {
       this.rest += 1;
       this.levelling.solve(this.shown[0], view, CYCLES, this.rest === SETTLING);
     }
