@@ -1,0 +1,140 @@
+"""The page with the points of the scans: what it shows, reads, keeps, and does without."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.viewer.conftest import PLACE, Tab
+from tests.viewer.looking import View, ray_cast, similarity
+from workbench.cloud.point_export import export_points
+from workbench.formats.surface_files import read_surface
+from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.point_set import PointSet
+from workbench.pipeline.progress import Progress
+from workbench.project.project import Project
+from workbench.viewer.representations import SiteOptions
+from workbench.viewer.server import site_server
+from workbench.viewer.site import Site, build_site
+
+VIEW = View((1.2, -4.0, 1.1))
+FAR = View((36.0, -120.0, 33.0))
+POINTS = 150_000
+
+
+@pytest.fixture
+def cloud(project: Project) -> Path:
+    """Points all over the ball, coloured as it is, in the project's folder for Potree."""
+    rng = np.random.default_rng(7)
+    normals = rng.normal(size=(POINTS, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    color = np.where(normals[:, 2:] > 0.0, [[220, 180, 40]], [[30, 60, 190]]).astype(np.uint8)
+    points = PointSet(PLACE + normals, normals.astype(np.float32), color, None)
+    export_points(points, project.root / "exports" / "potree", "potree")
+    return project.root / "exports" / "potree"
+
+
+@pytest.fixture
+def site(project: Project, cloud: Path) -> Site:
+    return build_site(project, SiteOptions(resolution=256, surfels=1000), Progress())
+
+
+@pytest.fixture
+def ranges(site: Site) -> Iterator[str]:
+    """The address of a server of the site that hands out parts of files."""
+    server = site_server(site)
+    thread = threading.Thread(target=server.serve)
+    thread.start()
+    yield server.url
+    server.stop()
+    thread.join()
+
+
+@pytest.fixture
+def ball(project: Project) -> TriangleMesh:
+    mesh = read_surface(project.root / "exports" / "surface.ply")
+    return TriangleMesh(mesh.vertices - PLACE, mesh.triangles, mesh.vertex_attributes)
+
+
+def look_from(tab: Tab, view: View, pixel_error: float = 1.0) -> None:
+    eye = ",".join(map(str, view.eye))
+    tab.page.wait_for_function("() => window.page?.stage.mode")
+    tab.page.evaluate(
+        f"""() => {{
+            window.page.camera.read({{ eye: '{eye}', to: '0,0,0' }});
+            window.page.stage.look.pixelError = {pixel_error};
+            window.page.stage.redraw();
+        }}"""
+    )
+    tab.settled()
+
+
+def test_it_shows_the_points_as_a_closed_surface(site: Site, serve, show, ball):
+    tab = show(f"{serve(site.folder)}#mode=cloud&light=camera&{VIEW.link}")
+    look_from(tab, VIEW)
+    assert similarity(tab.picture(), ray_cast(ball, VIEW)) > 0.9
+    assert tab.value("page.stage.counts.items") == POINTS
+    place = np.array(tab.value("page.stage.placeAt(320, 240)"))
+    assert np.linalg.norm(place) == pytest.approx(1.0, abs=0.01)
+    assert tab.told == []
+    assert tab.told_to_user() == []
+
+
+def test_far_points_are_left_on_the_server_and_old_ones_leave_the_card(
+    ranges: str, site: Site, show, cloud: Path
+):
+    tab = show(f"{ranges}#mode=cloud&{FAR.link}")
+    look_from(tab, FAR)
+    size = (cloud / "octree.bin").stat().st_size
+    few = tab.value("page.stage.counts.items")
+    assert 0 < few < POINTS / 2
+    assert tab.value("page.network.bytes") < size / 2
+    # Half of what all points take, from all sides: what is shown and kept stays below.
+    budget = POINTS * 16 // 2
+    tab.page.evaluate(f"() => {{ page.stage.look.budgetBytes = {budget}; }}")
+    for eye in ((0.1, -4.0, 0.0), (0.1, 4.0, 0.0), (3.0, 0.0, 3.0), (1.1, 0.0, 0.3)):
+        look_from(tab, View(eye))
+        assert 0 < tab.value("page.stage.counts.bytes") <= budget
+        assert tab.value("page.stage.counts.items") > few / 4
+    assert tab.told_to_user() == []
+
+
+def test_a_part_that_is_not_there_is_told_and_shown_coarser(site: Site, serve, show, ball):
+    # The last node of the finest level is looked for beyond the end of the file.
+    (hierarchy,) = site.folder.rglob("hierarchy.bin")
+    rows = bytearray(hierarchy.read_bytes())
+    rows[-16:-8] = (1 << 40).to_bytes(8, "little")
+    hierarchy.write_bytes(rows)
+    tab = show(f"{serve(site.folder)}#mode=cloud&light=camera&{VIEW.link}")
+    # From both sides, so that it is asked for.
+    look_from(tab, View((-1.2, 4.0, -1.1)))
+    look_from(tab, VIEW)
+    (told,) = tab.told_to_user()
+    assert "shorter than it says" in told
+    assert "coarser" in told
+    assert similarity(tab.picture(), ray_cast(ball, VIEW)) > 0.85
+    assert not [line for line in tab.told if "exception" in line]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("metadata.json", "no JSON"), ("hierarchy.bin", "shorter than it says")]
+)
+def test_a_damaged_description_is_told(site: Site, serve, show, name: str, words: str):
+    (file,) = site.folder.rglob(name)
+    file.write_bytes(file.read_bytes()[:-4])
+    tab = show(f"{serve(site.folder)}#mode=cloud")
+    tab.page.wait_for_function("() => document.querySelectorAll('#notices p').length > 0")
+    (told,) = tab.told_to_user()
+    assert words in told
+    assert not [line for line in tab.told if "exception" in line]
+
+
+def test_a_project_without_such_an_export_says_how_to_get_it(project: Project):
+    (project.root / "exports" / "surface.ply").unlink()
+    scene = build_site(project, SiteOptions(resolution=256, surfels=1000), Progress()).scene
+    reasons = {one["mode"]: one["reason"] for one in scene["left_out"]}
+    assert "export.clouds=potree" in reasons["cloud"]
