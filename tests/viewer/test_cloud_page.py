@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.viewer.conftest import PLACE, Tab
+from tests.viewer.conftest import PLACE, Answers, Tab
 from tests.viewer.looking import View, ray_cast, similarity
 from workbench.cloud.point_export import export_points
 from workbench.formats.surface_files import read_surface
@@ -117,6 +118,26 @@ def test_a_part_that_is_not_there_is_told_and_shown_coarser(site: Site, serve, s
     assert "shorter than it says" in told
     assert "coarser" in told
     assert similarity(tab.picture(), ray_cast(ball, VIEW)) > 0.85
+    assert not [line for line in tab.told if "exception" in line]
+
+
+class Slow(Answers):
+    """Takes its time over the points."""
+
+    def do_GET(self) -> None:  # noqa: N802
+        if self.path.endswith("octree.bin"):
+            time.sleep(1.0)
+        super().do_GET()
+
+
+def test_a_server_that_takes_too_long_is_told(site: Site, serve, show):
+    tab = show(f"{serve(site.folder, Slow)}#mode=surface&{VIEW.link}")
+    tab.settled()
+    tab.page.evaluate("() => { page.network.timeoutMs = 200; }")
+    tab.page.locator('[data-mode="cloud"]').click()
+    tab.page.wait_for_function("() => document.querySelectorAll('#notices p').length > 0")
+    tab.settled()
+    assert all("The server took longer than" in line for line in tab.told_to_user())
     assert not [line for line in tab.told if "exception" in line]
 
 

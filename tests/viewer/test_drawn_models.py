@@ -14,8 +14,10 @@ from tests.viewer.looking import BACKGROUND, View, ray_cast, similarity
 from workbench.cli import run_cli
 from workbench.errors import SettingsError
 from workbench.formats.surface_files import read_surface
+from workbench.formats.textured_gltf import write_textured_glb
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.surface_texture import SurfaceTexture
+from workbench.geometry.textured_mesh import TexturedMesh
 from workbench.project.project import Project
 from workbench.viewer.drawn_models import WantedView
 from workbench.viewer.link_views import LinkView
@@ -109,6 +111,22 @@ def test_texels_are_where_they_belong_and_fine_ones_are_averaged():
     fine = np.tile(np.array([[0, 255], [255, 0]], np.uint8), (256, 256))[..., None].repeat(3, 2)
     seen = surface_picture(*square(fine), camera, "even")
     assert np.abs(seen[50:78, 50:78, :3].astype(int) - 188).max() <= 1
+
+
+def test_a_textured_surface_far_away_is_drawn_in_its_place(project: Project, render):
+    # So far that the file keeps the place beside the mesh.
+    mesh = read_surface(project.root / "exports" / "surface.ply")
+    local = TriangleMesh(mesh.vertices - PLACE, mesh.triangles)
+    half = np.full((len(mesh.vertices), 2), 0.5)
+    page = np.full((4, 4, 3), (200, 30, 20), np.uint8)
+    textured = TexturedMesh(local, half, np.zeros(len(mesh.triangles), np.int32), (page,))
+    told, plain = render(project.root, "surface", VIEW.link, "160x120")
+    write_textured_glb(project.root / "exports" / "textured.glb", textured, tuple(PLACE))
+    again, own = render(project.root, "surface", VIEW.link, "160x120")
+    assert again["shown"] == pytest.approx(told["shown"], abs=0.002)
+    # Even light: the colour is that of the picture.
+    assert np.abs(own[60, 80].astype(int) - [200, 30, 20]).max() <= 2
+    assert (plain[0, 0] == own[0, 0]).all()
 
 
 def test_light_from_the_camera_falls_as_the_cosine_on_either_side():

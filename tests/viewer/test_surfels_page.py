@@ -62,6 +62,13 @@ def test_it_shows_what_rays_meet_and_keeps_to_the_depth(site: Site, serve, show,
     # What is measured is where the surface is: in the middle of the picture, 1 m from the middle.
     place = np.array(tab.value("page.stage.placeAt(320, 240)"))
     assert np.linalg.norm(place) == pytest.approx(1.0, abs=0.01)
+    # Another form takes their place on the card, and they take it again.
+    bytes_before = tab.value("page.stage.counts.bytes")
+    for mode in ("surface", "surfels"):
+        tab.page.locator(f'[data-mode="{mode}"]').click()
+        tab.page.wait_for_function(f"() => page.stage.entry.mode === '{mode}'")
+        tab.settled()
+    assert tab.value("page.stage.counts.bytes") == bytes_before
     assert tab.told == []
     assert tab.told_to_user() == []
 
@@ -118,9 +125,9 @@ def test_bytes_on_the_card_stay_below_the_budget(ranges: str, show, surfels: Pat
             const { stage, camera } = window.page;
             Object.assign(stage.look, { budgetBytes: budget, pixelError: 1 });
             let most = 0;
-            for (let k = 0; k < 60; k++) {
-                const angle = k / 6;
-                const away = 1.3 + 3 * Math.abs(Math.sin(k / 9));
+            for (let k = 0; k < 36; k++) {
+                const angle = k / 4;
+                const away = 1.3 + 3 * Math.abs(Math.sin(k / 6));
                 camera.eye = [away * Math.cos(angle), away * Math.sin(angle), 0.5];
                 stage.redraw();
                 await new Promise((done) => setTimeout(done, 30));

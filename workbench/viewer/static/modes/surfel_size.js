@@ -16,20 +16,23 @@ export class SizeControl {
     this.waiting = false;
   }
 
-  /** Pixels across a surfel of a view, at least `wanted`. */
+  /**
+   * Pixels across a surfel of a view, at least `wanted`.
+   *
+   * While it is `waiting`, pictures are to follow each other: only then the time from one to the
+   * next tells how long they take.
+   */
   sizeFor(view, wanted) {
     const now = performance.now();
-    const frame = now - this.drawn;
-    const moving = this.clip !== null && view.clip.some((value, k) => value !== this.clip[k]);
-    // After a rest there is no telling what the picture before it took.
-    if (moving && now - this.moved < REST_MS) this.recent = [...this.recent.slice(1 - FRAMES), this.#next(frame, wanted)];
-    else if (moving) this.recent = [wanted];
-    if (moving) this.moved = now;
+    if (this.clip !== null && view.clip.some((value, k) => value !== this.clip[k])) this.moved = now;
+    const active = now - this.moved < REST_MS;
+    if (!active) this.recent = [];
+    else if (!this.waiting) this.recent = [wanted];
+    else this.recent = [...this.recent.slice(1 - FRAMES), this.#next(now - this.drawn, wanted)];
+    this.waiting = active;
     this.clip = view.clip;
     this.drawn = now;
-    const size = this.recent.at(-1) ?? wanted;
-    this.waiting = now - this.moved < REST_MS && size > wanted;
-    return this.waiting ? size : wanted;
+    return this.recent.at(-1) ?? wanted;
   }
 
   #next(frame, wanted) {
