@@ -100,13 +100,13 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     photographs, unread = _photographs(job, records)
     masks, found = masks_chapter(job.products, job.scene.truth)
     metrics += found
-    cameras, found = orientation_chapter(products, surface, known.model_from_world)
+    cameras, found = orientation_chapter(products, surface, known.model_from_local)
     metrics += found
     colors, found = _colors(job, surface, known)
     metrics += found
     with job.progress.step("texture"):
         texture, found = texture_chapter(
-            products, surface, known.model_from_world is not None, options.texture_sizes_px
+            products, surface, known.model_from_local is not None, options.texture_sizes_px
         )
     metrics += found
     with job.progress.step("voxels"):
@@ -226,14 +226,14 @@ class _Known:
     comparison : against simulated truth.
     name : what the surface is called.
     metrics : of the comparison.
-    model_from_world : 4×4, from the simulation's own coordinates to the model's.
+    model_from_local : 4×4, from the simulation's own local frame to the model's.
     """
 
     surface: TriangleMesh | None = None
     comparison: TruthComparison | None = None
     name: str = ""
     metrics: tuple[Metric, ...] = ()
-    model_from_world: Matrix4 | None = None
+    model_from_local: Matrix4 | None = None
 
 
 def _known(job: Job[VerifyOptions], surface: TriangleMesh) -> _Known:
@@ -259,8 +259,7 @@ def _known(job: Job[VerifyOptions], surface: TriangleMesh) -> _Known:
         compared = compare_to_truth(surface, truth, samples=job.options.samples)
         flagged = infill_flagging(surface, truth, hits, spacing, samples=job.options.samples)
         metrics = (*poses.metrics(), *compared.metrics(), *flagged.metrics())
-        model_from_world = poses.estimate_from_truth @ rigid(np.eye(3), -origin)
-        return _Known(truth, compared, "simulated truth", metrics, model_from_world)
+        return _Known(truth, compared, "simulated truth", metrics, model_from_local)
     paths = products.input_paths("reference_file")
     if not paths:
         return _Known()
@@ -332,12 +331,12 @@ def _colors(
     job: Job[VerifyOptions], surface: TriangleMesh, known: _Known
 ) -> tuple[tuple[Section, ...], list[Metric]]:
     options = job.options
-    simulated = known.surface if known.model_from_world is not None else None
+    simulated = known.surface if known.model_from_local is not None else None
     return color_chapter(
         job.products,
         surface,
         simulated,
-        model_from_world=known.model_from_world,
+        model_from_local=known.model_from_local,
         up=options.up,
         front_deg=options.front_deg,
         width_px=options.picture_width_px,

@@ -26,7 +26,7 @@ _FULL, _WHOLLY = 65535, 255
 def photographed_albedo(
     products: Products,
     surface: TriangleMesh,
-    model_from_world: Matrix4,
+    model_from_local: Matrix4,
     names: Collection[str],
     options: Mapping[str, Any],
 ) -> NDArray[np.float64] | None:
@@ -39,7 +39,7 @@ def photographed_albedo(
 
     Parameters
     ----------
-    model_from_world : 4×4 from the coordinates of the simulated cameras to the model's.
+    model_from_local : 4×4 from the local frame of the simulation to the model's.
     names : photographs that were blended.
     options : of the stage ``color``.
     """
@@ -59,7 +59,7 @@ def photographed_albedo(
     for name in evenly_chosen(known, _PHOTOGRAPHS):
         camera = cameras[name]
         camera = replace(
-            camera, camera_from_world=camera.camera_from_world @ inverse(model_from_world)
+            camera, camera_from_world=camera.camera_from_world @ inverse(model_from_local)
         )
         share = min(
             1.0,

@@ -33,7 +33,7 @@ def color_chapter(
     surface: TriangleMesh,
     truth: TriangleMesh | None,
     *,
-    model_from_world: Matrix4 | None,
+    model_from_local: Matrix4 | None,
     up: UpAxis,
     front_deg: float,
     width_px: int,
@@ -43,7 +43,7 @@ def color_chapter(
     Parameters
     ----------
     truth : the simulated surface in the frame of the model, with all its vertices.
-    model_from_world : 4×4 from the coordinates of the simulation to the model's.
+    model_from_local : 4×4 from the local frame of the simulation to the model's.
     up, front_deg, width_px : of the pictures, as in the rest of the report.
     """
     from workbench.color.blending_display import encoded_srgb
@@ -70,9 +70,9 @@ def color_chapter(
     even, found = None, None
     # Without a flash to take out colours keep the light there was: albedo is not their truth.
     if flash["light"] is not None:
-        if model_from_world is not None:
+        if model_from_local is not None:
             names = tuple(flash["gains"])
-            even = photographed_albedo(products, surface, model_from_world, names, options)
+            even = photographed_albedo(products, surface, model_from_local, names, options)
         found = _against_truth(products, surface, truth, told, space, blends, even)
     sides = FourSides.of(surface, up, width_px, front_deg)
     views = {side: sides.views[side] for side in _SHOWN_SIDES}

@@ -27,13 +27,13 @@ _OUTLINE_SIDE = 800
 
 
 def orientation_chapter(
-    products: Products, surface: TriangleMesh, model_from_world: Matrix4 | None
+    products: Products, surface: TriangleMesh, model_from_local: Matrix4 | None
 ) -> tuple[tuple[Section, ...], list[Metric]]:
     """The section on cameras, where photographs were oriented, and their errors where known.
 
     Parameters
     ----------
-    model_from_world : 4×4 from the coordinates of the simulated cameras to the model's.
+    model_from_local : 4×4 from the local frame of the simulation to the model's.
     """
     from workbench.formats.colmap import read_colmap_text
     from workbench.formats.photo_reading import read_photo
@@ -48,8 +48,8 @@ def orientation_chapter(
     if poses["frame"] == "world":
         cameras = read_colmap_text(Path(products.load("oriented_images")).parent).photo_cameras()
         rays = SurfaceRays(surface)
-        if model_from_world is not None and products.load_if_there("truth_cameras") is not None:
-            truth = _against_truth(products, cameras, model_from_world)
+        if model_from_local is not None and products.load_if_there("truth_cameras") is not None:
+            truth = _against_truth(products, cameras, model_from_local)
             metrics = [*truth.metrics(), *_silhouettes(products, cameras, rays)]
         photos = photos_by_name(products.input_paths("photo_files"))
         for name in evenly_chosen(sorted(cameras), _SHOWN):
@@ -61,7 +61,7 @@ def orientation_chapter(
 
 
 def _against_truth(
-    products: Products, cameras: Mapping[str, PhotoCamera], model_from_world: Matrix4
+    products: Products, cameras: Mapping[str, PhotoCamera], model_from_local: Matrix4
 ) -> CameraComparison:
     from workbench.formats.colmap import read_colmap_text
     from workbench.verification.camera_truth import compare_cameras
@@ -70,7 +70,7 @@ def _against_truth(
     return compare_cameras(
         {name: camera.camera_from_world for name, camera in cameras.items()},
         {name: camera.camera_from_world for name, camera in known.items()},
-        model_from_world,
+        model_from_local,
     )
 
 

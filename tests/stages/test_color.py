@@ -249,7 +249,8 @@ def test_photographs_in_a_frame_of_their_own_colour_nothing(tmp_path):
 @pytest.mark.slow
 def test_the_statues_paint_from_raw_files(simulated):
     project = simulated("--scene", "statue", "--seed", "1", "--size", "small",
-                        "--scans", "12", "--photos", "24")  # fmt: skip
+                        "--scans", "12", "--photos", "24",
+                        "--set", "world_offset_m=[4000000,2500000,300]")  # fmt: skip
     mask = Path("truth") / "photos" / "object" / "photo_000.png"
     (project / "masks" / "training").mkdir(parents=True)
     copyfile(project / mask, project / "masks" / "training" / "photo_000.png")
@@ -265,7 +266,10 @@ def test_the_statues_paint_from_raw_files(simulated):
     found = colors_of(project)
     # Level and all: the chart anchors it.
     workbench("run", project, "--from", "export")
-    assert metrics_of(project, "verify")["albedo_delta_e_mean"] < 1.5
+    verified = metrics_of(project, "verify")
+    assert verified["albedo_delta_e_mean"] < 1.5
+    assert verified["camera_center_error_median"] < 0.005
+    assert verified["silhouette_iou"] > 0.97
     # The cloud has the colours of the surface, finely and from afar.
     known = found["color_provenance"] == 0
     tree = cKDTree(surface.vertices[known])

@@ -292,6 +292,7 @@ def line_figure(
         quantity and unit.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     with page_style():
         figure = Figure(figsize=(_WIDTH, 3.3), layout="constrained")
@@ -304,6 +305,8 @@ def line_figure(
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter(_plain_ticks())
+            # Within a decade the small ticks would be labelled, in mathematics.
+            axis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(x_label)
         axes.set_ylabel(y_label)
         if series:
