@@ -22,6 +22,7 @@ from workbench.pipeline.stitched_pictures import StitchedProject
 from workbench.project.project import Project
 from workbench.surfels.surfel_file import SURFEL_SUFFIX, SurfelFile
 from workbench.viewer.link_views import LinkView
+from workbench.viewer.page_light import Light
 from workbench.viewer.site import DATA
 from workbench.viewer.surface_pictures import surface_picture
 from workbench.viewer.surfel_pictures import surfel_picture
@@ -134,7 +135,7 @@ def _surface(path: Path, wanted: WantedView) -> DrawnModel:
     mesh, texture = _painted(path)
     origin = _origin(path) if path.is_dir() else _middle(mesh)
     camera = wanted.camera(grid_of_mesh(mesh.vertices, 1), _up(path), origin)
-    light = "even" if texture is not None else "camera"
+    light: Light = "even" if texture is not None else "camera"
     drawn = surface_picture(mesh, texture, camera, light)
     return DrawnModel(drawn, wanted.view(camera, origin))
 

@@ -103,7 +103,8 @@ class _Shading:
         up, vp = (u * p).sum(axis=1), (v * p).sum(axis=1)
         area = np.maximum(uu * vv - uv * uv, 1e-300)
         shares = np.stack([vv * up - uv * vp, uu * vp - uv * up], axis=1) / area[:, None]
-        return np.clip(np.column_stack([1.0 - shares.sum(axis=1), shares]), 0.0, 1.0)
+        whole = np.column_stack([1.0 - shares.sum(axis=1), shares])
+        return np.asarray(np.clip(whole, 0.0, 1.0))
 
     def _albedo(
         self,
