@@ -11,8 +11,9 @@ import { LOOK_GLSL, setLook } from "../shading.js";
 import { frustumPlanes } from "../vectors.js";
 import { FRAGMENT_GLSL, PRECISE, Pass, Target, bindAll } from "./stitch_screen.js";
 
-/** Meshes that compete at a pixel, at most. */
-export const SLOTS = 4;
+// Meshes that compete at a pixel, at most. Without a browser there are eight: one pixel in two
+// hundred then shows another photograph.
+const SLOTS = 3;
 
 const VERTEX = `
 layout(location = 0) in vec3 a_position;
@@ -44,7 +45,7 @@ in vec4 v_color;
 in float v_deep;
 flat in uvec2 v_told;
 uniform sampler2D u_front;
-uniform usampler2D u_slot0, u_slot1, u_slot2;
+uniform usampler2D u_slot0, u_slot1;
 uniform int u_before;      // slots filled already
 uniform uint u_mesh;
 uniform float u_epsilon;
@@ -67,10 +68,6 @@ void main() {
     uvec4 f = texelFetch(u_slot1, at, 0);
     if (!isThere(f) || meshOf(f.y) == u_mesh) discard;
   }
-  if (u_before > 2) {
-    uvec4 f = texelFetch(u_slot2, at, 0);
-    if (!isThere(f) || meshOf(f.y) == u_mesh) discard;
-  }
   uvec3 c = uvec3(v_color.rgb * 255.0 + 0.5);
   o_fragment = uvec4(
     floatBitsToUint(v_deep),
@@ -83,12 +80,11 @@ void main() {
 
 // Chosen is RG32UI: depth, and what it is with the slot in bits 28 and 29, contested in bit 30.
 const SLOTS_GLSL = `
-uniform usampler2D u_slot0, u_slot1, u_slot2, u_slot3;
+uniform usampler2D u_slot0, u_slot1, u_slot2;
 uvec4 slot(int k, ivec2 at) {
   if (k == 0) return texelFetch(u_slot0, at, 0);
   if (k == 1) return texelFetch(u_slot1, at, 0);
-  if (k == 2) return texelFetch(u_slot2, at, 0);
-  return texelFetch(u_slot3, at, 0);
+  return texelFetch(u_slot2, at, 0);
 }`;
 
 const FIRST = `
@@ -214,7 +210,7 @@ export class Choice {
       gl.clearBufferuiv(gl.COLOR, 0, [0, 0, 0, 0]);
       // What is drawn to must not be bound to be read, even unread.
       const before = (s) => (s < k ? targets.slots[s].texture : null);
-      bindAll(gl, uniforms, { u_front: targets.nearest.texture, u_slot0: before(0), u_slot1: before(1), u_slot2: before(2) });
+      bindAll(gl, uniforms, { u_front: targets.nearest.texture, u_slot0: before(0), u_slot1: before(1) });
       gl.uniform1i(uniforms.u_before, k);
       gl.uniform1f(uniforms.u_epsilon, told.epsilon);
       gl.uniform2f(uniforms.u_range, view.near, view.far);

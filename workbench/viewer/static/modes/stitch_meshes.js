@@ -1,6 +1,6 @@
 // Labelled depth meshes, loaded one after the other; what of them is in the picture is drawn.
 
-import { crc32 } from "./stitch_crc.js";
+import { crc32 } from "../crc32.js";
 import { VertexArray } from "../gpu.js";
 import { SourceError } from "../source.js";
 import { add, boxInPlanes } from "../vectors.js";
@@ -84,7 +84,7 @@ export class Meshes {
     const { offset, bytes, crc, vertices, triangles } = this.told[number];
     try {
       const block = await this.source.range(offset, bytes);
-      if (block.byteLength !== bytes || crc32(block) !== crc) throw new SourceError("the file is damaged");
+      if (block.byteLength !== bytes || crc32(new Uint8Array(block)) !== crc) throw new SourceError("the file is damaged");
       this.ready.push([number, unpacked(block, vertices, triangles)]);
     } catch (error) {
       this.context.tell(`A part of the surface is left out: ${error.message}`);

@@ -1,8 +1,8 @@
 // Image management: which photographs the picture needs, and which of them are on the card.
 
+import { crc32 } from "../crc32.js";
 import { Texture } from "../gpu.js";
 import { SourceError } from "../source.js";
-import { crc32 } from "./stitch_crc.js";
 import { Pass, Target } from "./stitch_screen.js";
 
 const STEP = 4;
@@ -171,7 +171,7 @@ export class Photos {
 
   async #bitmap(told, kind) {
     const content = await this.context.source(this.folder + told[kind]).all();
-    if (crc32(content) !== told[`${kind}_crc`]) throw new SourceError(`${told[kind]} is damaged`);
+    if (crc32(new Uint8Array(content)) !== told[`${kind}_crc`]) throw new SourceError(`${told[kind]} is damaged`);
     try {
       return await createImageBitmap(new Blob([content]), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
     } catch {

@@ -11,8 +11,8 @@ import { FRAGMENT_GLSL, PLACE_GLSL, Pass, Target, setPlace } from "./stitch_scre
 import { Texturing } from "./stitch_texturing.js";
 
 // What all pictures of a screen take for each of its pixels, and how much of the budget they may.
-const BYTES_OF_PIXEL = 210;
-const SCREEN_SHARE = 0.5;
+const BYTES_OF_PIXEL = 193;
+const SCREEN_SHARE = 0.6;
 // A camera that rests lets the levelling settle for so many pictures, of so many cycles.
 const SETTLING = 8;
 const CYCLES = 3;
