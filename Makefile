@@ -14,8 +14,12 @@ demo: setup
 	# Masks that a user would draw by hand: of one scan and one photograph.
 	mkdir -p $(DEMO)/masks/training
 	cp $(DEMO)/truth/masks/scan_00.png $(DEMO)/truth/photos/object/photo_000.png $(DEMO)/masks/training
-	$(BIN)/workbench run $(DEMO) --set verify.front_deg=180 --set texture.held_out=2
+	$(BIN)/workbench run $(DEMO) --set verify.front_deg=180 --set texture.held_out=2 \
+		--set export.voxels=voxels --set export.voxel_resolution=512 --set export.surfels=30000 \
+		--set export.cells=context --set export.cell_resolution=512 --set 'export.clouds=["copc","potree"]'
+	$(BIN)/workbench publish $(DEMO) --out out/site --resolution 512
 	@echo "The report is in $(CURDIR)/$(DEMO)/report/report.html"
+	@echo "The model: $(BIN)/workbench view $(DEMO), or any web server in $(CURDIR)/out/site"
 
 test: check
 	$(BIN)/python -m pytest -q -m "not slow"
