@@ -14,8 +14,8 @@ import { Texturing } from "./stitch_texturing.js";
 const BYTES_OF_PIXEL = 193;
 const SCREEN_SHARE = 0.6;
 // A camera that rests lets the levelling settle for so many pictures, of so many cycles.
-const SETTLING = 8;
-const CYCLES = 3;
+const SETTLING = 6;
+const CYCLES = 2;
 // While meshes and photographs come, pictures are made anew when there are so many times as many.
 const MORE = 2;
 const SLOW_MS = 80;
