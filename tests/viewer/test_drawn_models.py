@@ -48,13 +48,13 @@ def render(capsys, tmp_path):
 def test_the_same_link_gives_the_same_picture_with_and_without_a_browser(
     project: Project, site: Site, serve, show, render
 ):
-    tab = show(f"{serve(site.folder)}#mode=surface&light=camera&{VIEW.link}")
+    tab = show(f"{serve(site.folder)}#mode=surface&light=camera&{VIEW.link}", width=480, height=240)
     for mode in ("surface", "surfels"):
         tab.page.evaluate(f"() => {{ location.hash = 'mode={mode}&light=camera&{VIEW.link}' }}")
         tab.page.wait_for_function(f"() => page.stage.entry?.mode === '{mode}'")
         tab.page.evaluate("() => { page.stage.look.pixelError = 1; page.stage.redraw(); }")
         tab.settled()
-        told, own = render(project.root, mode, VIEW.link)
+        told, own = render(project.root, mode, VIEW.link, "480x240")
         assert similarity(tab.picture(), own) > 0.99, mode
         assert told["camera"] == {"eye": [1.2, -4.0, 1.1], "to": [0.0, 0.0, 0.0], "fov": 35.0}
 

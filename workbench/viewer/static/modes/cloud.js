@@ -17,7 +17,7 @@ layout(location = 2) in vec3 a_normal;
 uniform mat4 u_clip;
 uniform vec3 u_lower;
 uniform float u_side;
-uniform float u_width;    // pixels at depth 1
+uniform float u_widths[8]; // pixels at depth 1, of each octant
 out vec3 v_point;
 out vec3 v_normal;
 out vec3 v_color;
@@ -26,7 +26,9 @@ void main() {
   v_color = a_color;
   v_normal = a_normal;
   gl_Position = u_clip * vec4(v_point, 1.0);
-  gl_PointSize = max(u_width / max(gl_Position.w, 1e-6), ${NARROWEST.toFixed(1)});
+  ivec3 side = ivec3(greaterThanEqual(a_place, vec3(0.5)));
+  float width = u_widths[4 * side.x + 2 * side.y + side.z];
+  gl_PointSize = max(width / max(gl_Position.w, 1e-6), ${NARROWEST.toFixed(1)});
 }`;
 
 const FRAGMENT = `
@@ -82,15 +84,16 @@ export async function open(context, entry) {
     return found;
   }
 
-  /** Gaps between points around those of each node: as its finest children close them. */
+  /** Gaps between points in each octant of each node: as the finest children there close them. */
   function gapsOf(nodes) {
     const wanted = new Set(nodes);
     const gaps = new Map();
     for (const node of [...nodes].sort((a, b) => b.level - a.level)) {
-      const finer = node.children.filter((child) => wanted.has(child));
-      const closed = finer.length && finer.every((child) => store.held.has(child));
-      const own = store.held.get(node)?.gap ?? node.spacing;
-      gaps.set(node, closed ? Math.max(...finer.map((child) => gaps.get(child))) : own);
+      const own = new Float32Array(8).fill(store.held.get(node)?.gap ?? node.spacing);
+      for (const child of node.children) {
+        if (wanted.has(child) && store.held.has(child)) own[child.octant] = Math.max(...gaps.get(child));
+      }
+      gaps.set(node, own);
     }
     return gaps;
   }
@@ -114,7 +117,7 @@ export async function open(context, entry) {
         if (!array) continue;
         gl.uniform3fv(uniforms.u_lower, local(node));
         gl.uniform1f(uniforms.u_side, node.side);
-        gl.uniform1f(uniforms.u_width, WIDTH * gaps.get(node) * view.pixelsPerUnit);
+        gl.uniform1fv(uniforms.u_widths, gaps.get(node).map((gap) => WIDTH * gap * view.pixelsPerUnit));
         array.bind();
         gl.drawArrays(gl.POINTS, 0, node.points);
         counts.drew(node.points);

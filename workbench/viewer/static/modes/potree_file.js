@@ -22,7 +22,7 @@ function places(attributes) {
  * The nodes of a cloud, the root first, and how to read their points.
  *
  * A node has level, lower (corner in the user's coordinates), side, spacing (of its points),
- * points, offset and bytes in octree.bin, and children.
+ * points, offset and bytes in octree.bin, and children, of which each knows its octant.
  */
 export async function readPotree(metadata, hierarchy) {
   let told;
@@ -55,11 +55,11 @@ function tree(view, told) {
       children: [],
     });
     const side = node.side / 2;
-    for (let child = 0; child < 8; child++) {
-      if (!(mask & (1 << child))) continue;
-      // x is the highest bit of a child's number.
-      const lower = node.lower.map((value, k) => value + ((child >> (2 - k)) & 1) * side);
-      node.children.push({ level: node.level + 1, lower, side });
+    for (let octant = 0; octant < 8; octant++) {
+      if (!(mask & (1 << octant))) continue;
+      // x is the highest bit of an octant's number.
+      const lower = node.lower.map((value, k) => value + ((octant >> (2 - k)) & 1) * side);
+      node.children.push({ level: node.level + 1, octant, lower, side });
     }
     nodes.push(...node.children);
   }
