@@ -130,9 +130,9 @@ def test_bytes_on_the_card_stay_below_the_budget(ranges: str, show, surfels: Pat
             const { stage, camera } = window.page;
             Object.assign(stage.look, { budgetBytes: budget, pixelError: 1 });
             let most = 0;
-            for (let k = 0; k < 24; k++) {
-                const angle = k / 3;
-                const away = 1.3 + 3 * Math.abs(Math.sin(k / 4));
+            for (let k = 0; k < 16; k++) {
+                const angle = k / 2;
+                const away = 1.3 + 3 * Math.abs(Math.sin(k / 3));
                 camera.eye = [away * Math.cos(angle), away * Math.sin(angle), 0.5];
                 stage.redraw();
                 await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
