@@ -25,15 +25,22 @@ from workbench.viewer.site import Site, build_site
 
 #: Far from the origin, as georeferenced models are.
 PLACE = np.array([4_000_000.0, 2_500_000.0, 300.0])
+COARSE = SiteOptions(resolution=256, surfels=5000)
 _ARGUMENTS = (
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--ignore-gpu-blocklist", "--disable-background-networking", "--disable-component-update"),
 )
 
 
-@pytest.fixture
-def project(tmp_path: Path, sphere: Callable[..., TriangleMesh]) -> Project:
-    """A ball of radius 1 m, blue below and yellow above, its upper half filled in."""
+@pytest.fixture(scope="session")
+def made_once(
+    tmp_path_factory: pytest.TempPathFactory, sphere: Callable[..., TriangleMesh]
+) -> Path:
+    """A folder with a ball of radius 1 m, blue below and yellow above, and a project of it.
+
+    Its upper half counts as filled in. The forms of the ball for the browser are made in it.
+    """
+    folder = tmp_path_factory.mktemp("ball")
     ball = sphere(center=PLACE, subdivisions=5)
     above = ball.vertices[:, 2:] > PLACE[2]
     color = np.where(above, [[220, 180, 40]], [[30, 60, 190]]).astype(np.uint8)
@@ -46,19 +53,27 @@ def project(tmp_path: Path, sphere: Callable[..., TriangleMesh]) -> Project:
             above[:, 0], np.inf, 0.002 * (PLACE[2] - ball.vertices[:, 2])
         ),
     )
-    write_surface_ply(tmp_path / "ball.ply", mesh)
-    root = create_project(tmp_path / "ball", geometry=tmp_path / "ball.ply").root
+    write_surface_ply(folder / "ball.ply", mesh)
+    root = create_project(folder / "ball", geometry=folder / "ball.ply").root
     (root / "exports").mkdir()
     write_surface_ply(root / "exports" / "surface.ply", mesh)
     local = TriangleMesh(mesh.vertices - PLACE, mesh.triangles, mesh.vertex_attributes)
     write_surface_glb(root / "exports" / "surface.glb", local, tuple(PLACE))
-    return Project(root)
+    build_site(Project(root), COARSE, Progress())
+    return folder
+
+
+@pytest.fixture
+def project(made_once: Path, tmp_path: Path) -> Project:
+    """A project of the ball for this test alone; its forms for the browser are made already."""
+    shutil.copytree(made_once, tmp_path, dirs_exist_ok=True)
+    return Project(tmp_path / "ball")
 
 
 @pytest.fixture
 def site(project: Project) -> Site:
     """The ball's site with coarse forms."""
-    return build_site(project, SiteOptions(resolution=256, surfels=5000), Progress())
+    return build_site(project, COARSE, Progress())
 
 
 class Answers(SimpleHTTPRequestHandler):

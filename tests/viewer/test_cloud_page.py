@@ -42,7 +42,7 @@ def cloud(project: Project) -> Path:
 
 @pytest.fixture
 def site(project: Project, cloud: Path) -> Site:
-    return build_site(project, SiteOptions(resolution=256, surfels=1000), Progress())
+    return build_site(project, SiteOptions(resolution=256, surfels=5000), Progress())
 
 
 @pytest.fixture
@@ -163,6 +163,6 @@ def test_a_damaged_description_is_told(site: Site, serve, show, name: str, words
 
 def test_a_project_without_such_an_export_says_how_to_get_it(project: Project):
     (project.root / "exports" / "surface.ply").unlink()
-    scene = build_site(project, SiteOptions(resolution=256, surfels=1000), Progress()).scene
+    scene = build_site(project, SiteOptions(resolution=256, surfels=5000), Progress()).scene
     reasons = {one["mode"]: one["reason"] for one in scene["left_out"]}
     assert "export.clouds=potree" in reasons["cloud"]
