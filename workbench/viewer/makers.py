@@ -54,6 +54,16 @@ def _cloud(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
     return Made(int(told["points"]), "points", "The consolidated points of the scans.")
 
 
+def _stitched(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+    from workbench.viewer.stitched_files import write_project
+
+    del options
+    told = write_project(store, folder)
+    triangles = sum(mesh["triangles"] for mesh in told["meshes"])
+    photographs = sum(photo["picture"] is not None for photo in told["photos"])
+    return Made(triangles, "triangles", f"Out of {photographs} photographs, each where it is best.")
+
+
 def _triangles(path: Path) -> int:
     from workbench.formats.glb_container import read_glb_description
 
@@ -79,6 +89,11 @@ REPRESENTATIONS = (
     Representation(
         "cloud", "cloud", "Points of the scans", "metadata.json", _POTREE,
         "it was not exported: workbench export --set export.clouds=potree", _cloud,
+    ),
+    Representation(
+        "stitched", "stitched", "Stitched photographs", "stitched.json",
+        ("texturing", "depth_meshes", "depth_maps", "texture_photos", "photo_poses"),
+        "it has no textured depth meshes: workbench texture", _stitched,
     ),
 )  # fmt: skip
 """All forms, the first that is there is shown first."""

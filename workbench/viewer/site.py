@@ -72,7 +72,7 @@ def build_site(project: Project, options: SiteOptions, progress: Progress) -> Si
     hashes = project.hashes
     modes, left_out, kept = [], [], set()
     for form in REPRESENTATIONS:
-        if not all(project.store.exists(name) for name in form.sources):
+        if not all(project.store.paths(name) for name in form.sources):
             left_out.append({"mode": form.mode, "label": form.label, "reason": form.missing})
             continue
         key = _key(project, hashes, form, options)
