@@ -6,13 +6,19 @@ import json
 import math
 from pathlib import Path
 from shutil import copyfile
+from typing import TYPE_CHECKING
 
 from workbench.project.store import ProductStore
 from workbench.viewer.representations import Made, Representation, SiteOptions
 
+if TYPE_CHECKING:
+    from workbench.voxels.lod_export import LodOptions
+
 # Surfels are chosen from some twenty times as many: with 50,000, from pictures of 512 pixels.
 _CANDIDATE_SHARE = 512**2 / 50_000
 _FEWEST_SPLIT = 1000
+# Smaller chunks are seen or hidden, near or far as a whole more often; larger ones are fewer.
+_CHUNK_LEVEL = 6
 _POTREE = ("potree_metadata", "potree_hierarchy", "potree_octree")
 
 
@@ -44,6 +50,36 @@ def _surfels(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
     )
     told = export_surfels(surface, folder / "surface.surfels", settings)
     return Made(told["items"], "surfels", "Discs, as many as the picture needs.")
+
+
+def _voxels(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+    from workbench.formats.surface_files import read_surface
+    from workbench.voxels.lod_export import write_voxel_lod
+
+    surface = read_surface(store.path("surface_ply"))
+    told = write_voxel_lod(surface, folder / "surface.vlod", _voxel_options(options))
+    size = f"{told['voxels'] / 1e6:.1f} million voxels of {1e3 * told['voxel_size']:.2g} mm"
+    return Made(told["voxels"], "voxels", f"{size}; levels of detail in {told['chunks']} chunks.")
+
+
+def _graph(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+    from workbench.formats.surface_files import read_surface
+    from workbench.voxels.surface_export import write_surface_graph
+
+    surface = read_surface(store.path("surface_ply"))
+    told = write_surface_graph(
+        surface, folder / "surface.voxgraph", "ssvdag", _voxel_options(options)
+    )
+    bits = f"{told['bits_per_voxel']:.2g} bits each, colours apart"
+    return Made(told["voxels"], "voxels", f"{told['voxels'] / 1e6:.1f} million voxels, {bits}.")
+
+
+def _voxel_options(options: SiteOptions) -> LodOptions:
+    from workbench.voxels.lod_export import LodOptions
+
+    return LodOptions(
+        resolution=options.resolution, chunk_level=_CHUNK_LEVEL, workers=options.workers
+    )
 
 
 def _cloud(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
@@ -85,6 +121,16 @@ REPRESENTATIONS = (
         "surfels", "surfels", "Surfels", "surface.surfels", ("surface_ply",),
         "the surface was not exported: workbench export", _surfels,
         lambda options: options.surfels,
+    ),
+    Representation(
+        "voxels", "voxels", "Voxels", "surface.vlod", ("surface_ply",),
+        "the surface was not exported: workbench export", _voxels,
+        lambda options: options.resolution,
+    ),
+    Representation(
+        "graph", "ssvdag", "Voxel graph", "surface.voxgraph", ("surface_ply",),
+        "the surface was not exported: workbench export", _graph,
+        lambda options: options.resolution,
     ),
     Representation(
         "cloud", "cloud", "Points of the scans", "metadata.json", _POTREE,
