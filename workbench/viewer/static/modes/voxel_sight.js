@@ -88,7 +88,7 @@ export class Sight {
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    draw(this.#shifted(view, SHIFTS[this.pass % SHIFTS.length]));
+    draw({ clip: this.#shifted(view, SHIFTS[this.pass % SHIFTS.length]), width, height });
     // A buffer of its own: one that is used again makes browsers wait, or warn.
     const pixels = gl.createBuffer();
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, pixels);
