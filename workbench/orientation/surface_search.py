@@ -2,7 +2,10 @@
 
 Rotations are tried evenly over all there are, and a few scales, against a field of distances;
 the best are settled by trimmed similarity ICP in both directions, for in one alone everything
-fits once it is small enough. A shape that fits in two ways is said to.
+fits once it is small enough. Buildings and furniture fit nearly as well turned by a half or a
+quarter, and what tells is little, a portico say, which trimming takes for an outlier: such turns
+of the best are settled too, and the one that misplaces fewest points wins. A shape that fits in
+two ways is said to.
 
 Source: rotations by Alexa 2022, "Super-Fibonacci spirals"; similarity ICP by Zinsser, Schmidt
 and Niemann 2005, trimmed as by Chetverikov et al. 2005.
@@ -37,6 +40,11 @@ _LEAST_LEAD = 1.25
 _LEAST_POINTS = 30
 # Of the surface's size: a fit coarser than this is none.
 _WORST_FIT = 0.03
+# Points are misplaced that lie further off than so many errors, or so much of the size; one
+# solution misplaces fewer than another where chance would say so this many sigmas seldom.
+_MISPLACED_ERRORS, _MISPLACED_SHARE = 3.0, 0.004
+_COUNTED_POINTS = 4000
+_SURE_SIGMAS = 4.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +55,8 @@ class ShapeFit:
     ----------
     surface_from_model : brings the sparse model onto the surface.
     error : trimmed root mean square distance both ways, in the surface's unit.
-    lead : error of the best other solution over this one's.
+    lead : error of the best other solution, of those that misplace as few points, over this
+        one's; infinite where there is none.
     """
 
     surface_from_model: Similarity
@@ -79,8 +88,20 @@ def fit_by_shape(points: SparsePoints, surface: TriangleMesh) -> ShapeFit | NoSh
     found = search.coarse()
     for count, rounds in _STEPS:
         found = sorted((search.settled(x, rounds) for _, x in found[:count]), key=_error)
-    best_error, best = found[0]
-    others = [error for error, x in found if _turn_deg(x, best) > _SAME_DEG]
+    if np.isfinite(found[0][0]):
+        found += [search.settled(x, _STEPS[-1][1]) for x in search.turned(found[0][1])]
+    reach = max(_MISPLACED_ERRORS * found[0][0], _MISPLACED_SHARE * search.size)
+    misplaced = [search.misplaced(x, reach) for _, x in found]
+    chosen = int(np.argmin(misplaced))
+    if not _fewer(misplaced[chosen], misplaced[0], len(search.counted)):
+        chosen = 0
+    best_error, best = found[chosen]
+    others = [
+        error
+        for (error, x), lost in zip(found, misplaced, strict=True)
+        if _turn_deg(x, best) > _SAME_DEG
+        and not _fewer(misplaced[chosen], lost, len(search.counted))
+    ]
     lead = min(others, default=np.inf) / max(best_error, 1e-12 * search.size)
     if best_error > _WORST_FIT * search.size:
         return NoShapeFit(
@@ -89,6 +110,12 @@ def fit_by_shape(points: SparsePoints, surface: TriangleMesh) -> ShapeFit | NoSh
     if lead < _LEAST_LEAD:
         return NoShapeFit("the shape fits in more than one way")
     return ShapeFit(best, best_error, float(lead))
+
+
+def _fewer(share: float, other: float, count: int) -> bool:
+    """Whether one share of so many is smaller than another, beyond chance."""
+    spread = (share * (1.0 - share) + other * (1.0 - other)) / count
+    return other - share > _SURE_SIGMAS * float(np.sqrt(spread + 1.0 / count**2))
 
 
 def _error(candidate: tuple[float, Similarity]) -> float:
@@ -102,6 +129,7 @@ def _turn_deg(one: Similarity, other: Similarity) -> float:
 
 class _Search:
     def __init__(self, points: SparsePoints, surface: TriangleMesh) -> None:
+        self.counted = points.chosen(_thinned(points.points, _COUNTED_POINTS))
         kept = points.chosen(_thinned(points.points, _POINTS))
         self.points, self.outward = kept.points, kept.outward
         self.surface, triangles, _ = sample_surface(surface, _SURFACE_POINTS, seed=0)
@@ -148,6 +176,25 @@ class _Search:
             if step < 1e-4 * self.size:
                 break
         return error, now
+
+    def turned(self, best: Similarity) -> list[Similarity]:
+        """A solution turned by quarters about the axes along which the surface extends."""
+        centred = self.surface - self.middle
+        axes = np.linalg.eigh(centred.T @ centred)[1].T
+        found = []
+        for axis in axes:
+            for quarters in (2, 1, 3):
+                turn = Rotation.from_rotvec(0.5 * np.pi * quarters * axis).as_matrix()
+                shift = turn @ (best.shift - self.middle) + self.middle
+                found.append(Similarity(best.scale, turn @ best.rotation, shift))
+        return found
+
+    def misplaced(self, now: Similarity, reach: float) -> float:
+        """Share of the points that lie off the surface by more, or on the wrong side of it."""
+        apart, index = _nearest(self.tree, now.apply(self.counted.points))
+        facing = self.counted.outward @ now.rotation.T
+        wrong = (self.normals[index] * facing).sum(axis=1) < 0.0
+        return float((wrong | (apart > reach)).mean())
 
     def _pairs(
         self, now: Similarity
