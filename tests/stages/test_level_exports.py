@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from stages.main import PIPELINE
-from workbench.cli import run_cli
+from tests.stages.conftest import PLACE
 from workbench.formats.point_files import read_points
-from workbench.formats.surface_files import write_surface_ply
 from workbench.pointcodecs.cube_file import read_point_cubes
 from workbench.surfels.surfel_file import surfel_points
 
-PLACE = np.array([4_000_000.0, 2_500_000.0, 300.0])
 GIVEN = (
     *("--set", "export.surfels=3000"),
     *("--set", "export.surfel_candidates_px=128"),
@@ -25,28 +22,6 @@ GIVEN = (
     *("--set", "verify.samples=2000"),
     *("--set", "verify.picture_width_px=120"),
 )
-
-
-@pytest.fixture
-def cli(capsys):
-    def call(*arguments, expect: int = 0):
-        code = run_cli(PIPELINE, [*map(str, arguments), "--json"])
-        out, err = capsys.readouterr()
-        assert code == expect, err
-        return json.loads(out)
-
-    return call
-
-
-@pytest.fixture
-def project(cli, tmp_path, sphere) -> Path:
-    """A project around a ball of radius 1 far from the origin, made elsewhere, blue below."""
-    mesh = sphere(center=PLACE, subdivisions=4)
-    low = mesh.vertices[:, 2:] < PLACE[2]
-    color = np.where(low, [[20, 40, 200]], [[220, 210, 40]]).astype(np.uint8)
-    write_surface_ply(tmp_path / "ball.ply", mesh.with_attributes(color=color))
-    cli("new", tmp_path / "ball", "--geometry", tmp_path / "ball.ply")
-    return tmp_path / "ball"
 
 
 def section_of(project: Path, title: str) -> dict | None:
@@ -58,23 +33,23 @@ def tables_of(section: dict) -> list[list]:
     return [block["rows"] for block in section["blocks"] if block["kind"] == "table"]
 
 
-def test_surfels_and_cells_are_exported_and_told(cli, project):
-    ran = cli("verify", project, *GIVEN)
+def test_surfels_and_cells_are_exported_and_told(cli, ball_project):
+    ran = cli("verify", ball_project, *GIVEN)
     stages = {stage["name"]: stage for stage in ran["stages"]}
     said = {metric["name"]: metric["value"] for metric in stages["export"]["metrics"]}
-    surfels = surfel_points(project / "exports" / "surfels.surfels")
+    surfels = surfel_points(ball_project / "exports" / "surfels.surfels")
     away = surfels.points - PLACE
     assert len(surfels) == said["surfels"] == 3000
     assert np.abs(np.linalg.norm(away, axis=1) - 1).max() < 0.01
     below = away[:, 2] < -0.05
     assert (surfels.color[below, 2] > surfels.color[below, 0]).all()
-    cells = read_point_cubes(project / "exports" / "points.pcube")
+    cells = read_point_cubes(ball_project / "exports" / "points.pcube")
     assert len(cells) == said["cells"]
     middles = np.linalg.norm(cells.frame.centers(cells.cells) - PLACE, axis=1)
     assert np.abs(middles - 1).max() <= np.sqrt(0.75) * said["cell_size"] + 1e-3
 
     found = {metric["name"]: metric["value"] for metric in ran["metrics"]}
-    section = section_of(project, "Surfels")
+    section = section_of(ball_project, "Surfels")
     prefixes, evenness, choices = tables_of(section)
     assert [row[0] for row in prefixes] == [1000, 3000]
     for row in prefixes:
@@ -90,15 +65,15 @@ def test_surfels_and_cells_are_exported_and_told(cli, project):
     assert [row[0] for row in choices] == [128, 256, 512]
     assert choices[0][3] >= choices[-1][3] == 1.0
 
-    codecs = {row[0]: row[1] for row in tables_of(section_of(project, "Coded points"))[0]}
+    codecs = {row[0]: row[1] for row in tables_of(section_of(ball_project, "Coded points"))[0]}
     assert codecs["octree by contexts (in the file)"] == said["cell_bits"]
     assert found["cell_bits_ci"] == codecs["CI, cell identification"]
     assert said["cell_bits"] < 0.5 * codecs["steps in Morton order, lzma"]
 
-    cli("verify", project, *GIVEN, "--set", "export.surfels=0", "--set", "export.cells=none")
-    assert section_of(project, "Surfels") is section_of(project, "Coded points") is None
-    assert not list((project / "exports").glob("*.surfels"))
-    assert not list((project / "exports").glob("*.pcube"))
+    cli("verify", ball_project, *GIVEN, "--set", "export.surfels=0", "--set", "export.cells=none")
+    assert section_of(ball_project, "Surfels") is section_of(ball_project, "Coded points") is None
+    assert not list((ball_project / "exports").glob("*.surfels"))
+    assert not list((ball_project / "exports").glob("*.pcube"))
 
 
 @pytest.mark.parametrize("most", [1000, 1_000_000])

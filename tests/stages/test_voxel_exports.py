@@ -9,39 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stages.main import PIPELINE
-from workbench.cli import run_cli
-from workbench.formats.surface_files import read_surface, write_surface_ply
+from tests.stages.conftest import PLACE
+from workbench.formats.surface_files import read_surface
 from workbench.verification.voxel_errors import MeshViews
 from workbench.voxels.lod_export import LodOptions, write_voxel_lod
 from workbench.voxels.lod_file import LodFile
 from workbench.voxels.voxel_points import voxel_points
 from workbench.voxels.voxel_set import grid_of_mesh
 from workbench.voxels.voxelisation import voxelise
-
-PLACE = np.array([4_000_000.0, 2_500_000.0, 300.0])
-
-
-@pytest.fixture
-def cli(capsys):
-    def call(*arguments, expect: int = 0):
-        code = run_cli(PIPELINE, [*map(str, arguments), "--json"])
-        out, err = capsys.readouterr()
-        assert code == expect, err
-        return json.loads(out)
-
-    return call
-
-
-@pytest.fixture
-def project(cli, tmp_path, sphere) -> Path:
-    """A project around a ball of radius 1 far from the origin, made elsewhere, blue below."""
-    mesh = sphere(center=PLACE, subdivisions=4)
-    low = mesh.vertices[:, 2:] < PLACE[2]
-    color = np.where(low, [[20, 40, 200]], [[220, 210, 40]]).astype(np.uint8)
-    write_surface_ply(tmp_path / "ball.ply", mesh.with_attributes(color=color))
-    cli("new", tmp_path / "ball", "--geometry", tmp_path / "ball.ply")
-    return tmp_path / "ball"
 
 
 def options(voxels: str, resolution: int = 64) -> list[str]:
@@ -62,15 +37,15 @@ def table_of(section: dict) -> list[list]:
     return next(block["rows"] for block in section["blocks"] if block["kind"] == "table")
 
 
-def test_a_graph_is_exported_and_its_encodings_are_told(cli, project, tmp_path):
-    ran = cli("verify", project, *options("ssvdag"))
+def test_a_graph_is_exported_and_its_encodings_are_told(cli, ball_project, tmp_path):
+    ran = cli("verify", ball_project, *options("ssvdag"))
     stages = {stage["name"]: stage for stage in ran["stages"]}
     said = {metric["name"]: metric["value"] for metric in stages["export"]["metrics"]}
-    made = project / "exports" / "voxels.voxgraph"
+    made = ball_project / "exports" / "voxels.voxgraph"
     assert said["voxel_file"] == pytest.approx(made.stat().st_size / 1e6)
-    assert not (project / "exports" / "voxels.vlod").exists()
+    assert not (ball_project / "exports" / "voxels.vlod").exists()
 
-    mesh = read_surface(project / "exports" / "surface.ply")
+    mesh = read_surface(ball_project / "exports" / "surface.ply")
     expected = voxelise(mesh, grid_of_mesh(mesh.vertices, 6))
     found = voxel_points(made)
     np.testing.assert_array_equal(found.codes, expected.codes)
@@ -81,7 +56,7 @@ def test_a_graph_is_exported_and_its_encodings_are_told(cli, project, tmp_path):
     distance = np.linalg.norm(found.centers - PLACE, axis=1)
     assert (np.abs(distance - 1) < found.grid.voxel_size).all()
 
-    section = section_of(project)
+    section = section_of(ball_project)
     assert section is not None
     rows = {row[0].split()[0]: row for row in table_of(section)}
     assert list(rows) == ["svo", "svdag", "ussvdag", "esvdag", "ssvdag", "osvdag"]
@@ -94,21 +69,21 @@ def test_a_graph_is_exported_and_its_encodings_are_told(cli, project, tmp_path):
     assert metrics["voxel_bits_ssvdag"] == rows["ssvdag"][3]
 
     picture = tmp_path / "a.png"
-    told = cli("render", project, "--mode", "voxels", "--size", "64x64", "--out", picture)
+    told = cli("render", ball_project, "--mode", "voxels", "--size", "64x64", "--out", picture)
     assert 0.3 < told["shown"] < 0.9
     assert (
         "no textured depth meshes"
-        in cli("render", project, "--mode", "stitch", "--out", picture, expect=2)["error"][
+        in cli("render", ball_project, "--mode", "stitch", "--out", picture, expect=2)["error"][
             "message"
         ]
     )
 
 
-def test_levels_are_exported_and_a_change_of_mind_leaves_nothing_behind(cli, project):
-    cli("verify", project, *options("voxels", 512))
-    made = project / "exports" / "voxels.vlod"
+def test_levels_are_exported_and_a_change_of_mind_leaves_nothing_behind(cli, ball_project):
+    cli("verify", ball_project, *options("voxels", 512))
+    made = ball_project / "exports" / "voxels.vlod"
     file = LodFile(made)
-    section = section_of(project)
+    section = section_of(ball_project)
     assert section is not None
     rows = table_of(section)
     assert [row[0] for row in rows] == [256, 512]
@@ -124,25 +99,25 @@ def test_levels_are_exported_and_a_change_of_mind_leaves_nothing_behind(cli, pro
         }
         assert all(told[key] > 0 for told in data.values())
 
-    cli("verify", project, *options("none"))
+    cli("verify", ball_project, *options("none"))
     assert not made.exists()
-    assert section_of(project) is None
+    assert section_of(ball_project) is None
 
 
-def test_nothing_asked_for_is_left_out_with_its_reason(cli, project):
+def test_nothing_asked_for_is_left_out_with_its_reason(cli, ball_project):
     off = ["ply", "obj", "glb", "textured_glb", "textured_obj"]
     nothing = [text for name in off for text in ("--set", f"export.{name}=false")]
-    stages = {s["name"]: s for s in cli("plan", project, *nothing)["stages"]}
+    stages = {s["name"]: s for s in cli("plan", ball_project, *nothing)["stages"]}
     assert (stages["export"]["action"], stages["export"]["reason"]) == (
         "left out",
         "no format asked for",
     )
     stages = {
         s["name"]: s
-        for s in cli("plan", project, *nothing, "--set", "export.voxels=svdag")["stages"]
+        for s in cli("plan", ball_project, *nothing, "--set", "export.voxels=svdag")["stages"]
     }
     assert stages["export"]["action"] == "run"
-    error = cli("plan", project, "--set", "export.voxel_resolution=1000", expect=2)["error"]
+    error = cli("plan", ball_project, "--set", "export.voxel_resolution=1000", expect=2)["error"]
     assert "voxel_resolution" in error["message"] + error.get("where", "")
 
 

@@ -15,12 +15,13 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.formats.surface_files import write_surface_glb, write_surface_ply
+from workbench.formats.surface_files import read_surface, write_surface_glb, write_surface_ply
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
 from workbench.pipeline.progress import Progress
 from workbench.project.creation import create_project
 from workbench.project.project import Project
 from workbench.viewer.representations import SiteOptions
+from workbench.viewer.server import site_server
 from workbench.viewer.site import Site, build_site
 
 #: Far from the origin, as georeferenced models are.
@@ -74,6 +75,24 @@ def project(made_once: Path, tmp_path: Path) -> Project:
 def site(project: Project) -> Site:
     """The ball's site with coarse forms."""
     return build_site(project, COARSE, Progress())
+
+
+@pytest.fixture
+def ball(project: Project) -> TriangleMesh:
+    """The ball's surface in the local coordinates of its site."""
+    mesh = read_surface(project.root / "exports" / "surface.ply")
+    return TriangleMesh(mesh.vertices - PLACE, mesh.triangles, mesh.vertex_attributes)
+
+
+@pytest.fixture
+def ranges(site: Site) -> Iterator[str]:
+    """The address of a server of the site that hands out parts of files."""
+    server = site_server(site)
+    thread = threading.Thread(target=server.serve)
+    thread.start()
+    yield server.url
+    server.stop()
+    thread.join()
 
 
 class Answers(SimpleHTTPRequestHandler):

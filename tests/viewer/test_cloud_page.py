@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +11,10 @@ import pytest
 from tests.viewer.conftest import PLACE, Answers, Tab
 from tests.viewer.looking import View, ray_cast, similarity
 from workbench.cloud.point_export import export_points
-from workbench.formats.surface_files import read_surface
-from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.point_set import PointSet
 from workbench.pipeline.progress import Progress
 from workbench.project.project import Project
 from workbench.viewer.representations import SiteOptions
-from workbench.viewer.server import site_server
 from workbench.viewer.site import Site, build_site
 
 VIEW = View((1.2, -4.0, 1.1))
@@ -43,23 +38,6 @@ def cloud(project: Project) -> Path:
 @pytest.fixture
 def site(project: Project, cloud: Path) -> Site:
     return build_site(project, SiteOptions(resolution=256, surfels=5000), Progress())
-
-
-@pytest.fixture
-def ranges(site: Site) -> Iterator[str]:
-    """The address of a server of the site that hands out parts of files."""
-    server = site_server(site)
-    thread = threading.Thread(target=server.serve)
-    thread.start()
-    yield server.url
-    server.stop()
-    thread.join()
-
-
-@pytest.fixture
-def ball(project: Project) -> TriangleMesh:
-    mesh = read_surface(project.root / "exports" / "surface.ply")
-    return TriangleMesh(mesh.vertices - PLACE, mesh.triangles, mesh.vertex_attributes)
 
 
 def look_from(tab: Tab, view: View, pixel_error: float = 1.0) -> None:

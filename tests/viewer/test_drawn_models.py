@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -152,6 +153,7 @@ def test_links_that_show_nothing_are_told(text: str):
 
 
 def test_a_project_whose_surfels_nobody_made_says_how(project: Project, tmp_path, capsys):
+    shutil.rmtree(project.root / "work" / "view")
     out = str(tmp_path / "a.png")
     given = ["render", str(project.root), "--mode", "surfels", "--out", out, "--json"]
     assert run_cli((), given) == 2

@@ -9,19 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.viewer.conftest import PLACE, Answers
+from tests.viewer.conftest import Answers
 from tests.viewer.looking import View, ray_cast, similarity
-from workbench.formats.surface_files import read_surface
-from workbench.geometry.mesh import TriangleMesh
 from workbench.viewer.site import Site
 
 VIEW = View((1.2, -4.0, 1.1))
-
-
-@pytest.fixture
-def ball(project) -> TriangleMesh:
-    mesh = read_surface(project.root / "exports" / "surface.ply")
-    return TriangleMesh(mesh.vertices - PLACE, mesh.triangles, mesh.vertex_attributes)
 
 
 def test_it_shows_what_rays_meet(site: Site, serve, show, ball):

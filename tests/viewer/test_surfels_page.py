@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.viewer.conftest import PLACE, Tab
+from tests.viewer.conftest import Tab
 from tests.viewer.looking import View, ray_cast, similarity
-from workbench.formats.surface_files import read_surface
-from workbench.geometry.mesh import TriangleMesh
 from workbench.surfels.surfel_file import SurfelFile
 from workbench.surfels.surfel_size import SizeControl
-from workbench.viewer.server import site_server
 from workbench.viewer.site import Site
 
 VIEW = View((1.2, -4.0, 1.1))
@@ -24,27 +19,10 @@ FAR = View((12.0, -40.0, 11.0))
 
 
 @pytest.fixture
-def ball(project) -> TriangleMesh:
-    mesh = read_surface(project.root / "exports" / "surface.ply")
-    return TriangleMesh(mesh.vertices - PLACE, mesh.triangles, mesh.vertex_attributes)
-
-
-@pytest.fixture
 def surfels(site: Site) -> Path:
     """The ball's surfels, in the folder of the site."""
     (entry,) = [mode for mode in site.scene["modes"] if mode["mode"] == "surfels"]
     return site.folder / entry["file"]
-
-
-@pytest.fixture
-def ranges(site: Site) -> Iterator[str]:
-    """The address of a server of the site that hands out parts of files."""
-    server = site_server(site)
-    thread = threading.Thread(target=server.serve)
-    thread.start()
-    yield server.url
-    server.stop()
-    thread.join()
 
 
 def fine(tab: Tab, size_px: float = 1.0) -> None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import base64
-import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +11,9 @@ import numpy as np
 import pytest
 import zstandard
 
-from tests.viewer.conftest import PLACE, Answers, Tab
+from tests.viewer.conftest import Answers, Tab
 from tests.viewer.looking import BACKGROUND, View, ray_cast, similarity
-from workbench.formats.surface_files import read_surface, write_surface_ply
+from workbench.formats.surface_files import write_surface_ply
 from workbench.geometry.mesh import TriangleMesh
 from workbench.pipeline.progress import Progress
 from workbench.project.creation import create_project
@@ -23,7 +21,6 @@ from workbench.project.project import Project
 from workbench.viewer import makers
 from workbench.viewer import site as sites
 from workbench.viewer.representations import SiteOptions
-from workbench.viewer.server import site_server
 from workbench.viewer.site import Site, build_site
 from workbench.voxels.lod_file import LodFile
 
@@ -56,23 +53,6 @@ def page(serve, show):
         return show(f"{serve(folder, handler)}#{link}", width=WIDTH, height=HEIGHT)
 
     return opened
-
-
-@pytest.fixture
-def ball(project: Project) -> TriangleMesh:
-    mesh = read_surface(project.root / "exports" / "surface.ply")
-    return TriangleMesh(mesh.vertices - PLACE, mesh.triangles, mesh.vertex_attributes)
-
-
-@pytest.fixture
-def ranges(site: Site) -> Iterator[str]:
-    """The address of a server of the site that hands out parts of files."""
-    server = site_server(site)
-    thread = threading.Thread(target=server.serve)
-    thread.start()
-    yield server.url
-    server.stop()
-    thread.join()
 
 
 def voxel_file(site: Site) -> Path:
