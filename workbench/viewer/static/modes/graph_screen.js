@@ -43,6 +43,8 @@ export class TracedScreen {
     const before = gl.getParameter(gl.DRAW_FRAMEBUFFER_BINDING);
     gl.disable(gl.DEPTH_TEST);
     if (key !== this.key) {
+      // The camera is faster than the card.
+      if (this.running?.kind === "rough") this.#roughen();
       this.key = key;
       this.rows = this.traced = 0;
       this.#shape(this.fine, width, height);
@@ -103,7 +105,11 @@ export class TracedScreen {
       if (took < FEWEST_MS) this.strip *= 2;
       else if (took > MOST_MS) this.strip = Math.max(8, this.strip >> 1);
     } else if (took < FEWEST_MS) this.roughness = Math.max(1, this.roughness / 2);
-    else if (took > MOST_MS) this.roughness = Math.min(ROUGHEST, this.roughness * 2);
+    else if (took > MOST_MS) this.#roughen();
+  }
+
+  #roughen() {
+    this.roughness = Math.min(ROUGHEST, this.roughness * 2);
   }
 
   #shape(picture, width, height) {

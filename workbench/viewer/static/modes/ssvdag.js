@@ -72,7 +72,7 @@ export async function open(context, entry) {
     gl.uniform1iv(uniforms.u_starts, graph.starts);
     gl.uniform1ui(uniforms.u_turn, graph.rootTurn);
     gl.uniform3fv(uniforms.u_origin, seen.eye.map((value, k) => (value - from[k]) / voxel));
-    gl.uniform1f(uniforms.u_slope, (Math.max(wanted.pixelError, pixel) || 0) / seen.pixelsPerUnit);
+    gl.uniform1f(uniforms.u_slope, Math.max(wanted.pixelError, pixel) / seen.pixelsPerUnit);
     gl.uniform4f(uniforms.u_section, a, b, c, (d + a * from[0] + b * from[1] + c * from[2]) / voxel);
     gl.uniform1i(uniforms.u_shadows, shadows() ? 1 : 0);
     gl.uniform3fv(uniforms.u_light, wanted.light);

@@ -80,12 +80,14 @@ export class VoxelCut {
       return;
     }
     const children = node.children.filter((child) => this.#inside(child));
-    let lacking = 0;
+    let [lacking, coming] = [0, false];
     for (const child of children) {
       this.#want(child, "voxels");
-      if (!store.get(child, "voxels")) lacking |= 1 << child.octant;
+      if (store.get(child, "voxels")) continue;
+      lacking |= 1 << child.octant;
+      coming ||= !store.lost(child, "voxels");
     }
-    if (lacking && this.refinement === "whole") lacking = ALL_OCTANTS;
+    if (coming && this.refinement === "whole") lacking = ALL_OCTANTS;
     for (const child of children) if (!(lacking & (1 << child.octant))) this.#visit(child);
     if (lacking) this.#show(node, "voxels", lacking);
   }

@@ -66,7 +66,7 @@ void main() {
 export const SURFACE_VERTEX = `${SURFACE_PLACE}
 layout(location = 1) in vec3 a_normal;
 layout(location = 2) in vec3 a_color;
-out vec3 v_point;
+centroid out vec3 v_point;
 out vec3 v_normal;
 out vec3 v_color;
 void main() {
@@ -90,8 +90,9 @@ void main() {
 }`;
 
 export const VOXEL_FRAGMENT = shaded("in vec3 v_point; flat in vec3 v_normal; flat in vec3 v_color;", "vec3 n = v_normal;");
+// A place beyond the edge of its triangle might lie in a chunk that does not have the triangle.
 export const SURFACE_FRAGMENT = shaded(
-  `in vec3 v_point; in vec3 v_normal; in vec3 v_color;${IN_CHUNK}`,
+  `centroid in vec3 v_point; in vec3 v_normal; in vec3 v_color;${IN_CHUNK}`,
   "if (beyond(v_point)) discard; vec3 n = gl_FrontFacing ? v_normal : -v_normal;",
 );
 
