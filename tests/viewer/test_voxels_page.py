@@ -86,7 +86,8 @@ def test_it_shows_what_rays_meet_and_keeps_to_the_depth(site: Site, page, ball):
     tab = page(site.folder, f"mode=voxels&light=camera&{VIEW.link}")
     # Voxels are 1.9 pixels wide in front.
     settled(tab, 2.0)
-    assert set(levels(tab)) == {"7"}
+    # What is hidden may be coarser.
+    assert max(levels(tab)) == "7"
     truth = ray_cast(ball, VIEW, WIDTH, HEIGHT)
     assert similarity(tab.picture(), truth) > 0.93
     # What is measured is where the surface is, as far as voxels of 16 mm tell.
@@ -183,7 +184,7 @@ def test_a_damaged_chunk_is_told_once_and_shown_coarser(site: Site, page, ball):
     (told,) = tab.told_to_user()
     assert "damaged" in told
     assert "coarser" in told
-    assert set(levels(tab)) == {"6"}
+    assert max(levels(tab)) == "6"
     assert similarity(tab.picture(), ray_cast(ball, VIEW, WIDTH, HEIGHT)) > 0.7
     assert tab.told == []
 

@@ -6,8 +6,8 @@ import { windowOf } from "./screen_window.js";
 /** Faces that are drawn in one call, of four corners each. */
 const BATCH = 1 << 14;
 const CORNERS = Uint16Array.from({ length: 6 * BATCH }, (_, k) => 4 * Math.floor(k / 6) + [0, 1, 2, 2, 1, 3][k % 6]);
-/** What surfaces reach beyond their chunk, in voxels: no gap may open between two. */
-const MARGIN = 1e-3;
+/** Surfaces reach so many voxels beyond their chunk: what just grazes another has no voxel there. */
+const MARGIN = 1;
 
 /** Draws what a store holds of a file; origin is taken off coordinates. */
 export class VoxelDrawing {
