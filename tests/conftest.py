@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,32 @@ import trimesh
 from workbench.geometry.mesh import TriangleMesh
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Callable[..., Any]]:
+    """A function from command-line arguments to a Chromium without a window, closed in the end.
+
+    Skips plainly where there is none. Playwright runs once in a process, so all tests share it.
+    """
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    names = ("chromium", "chromium-browser", "google-chrome")
+    found = next(filter(None, map(shutil.which, names)), None)
+    if found is None:
+        pytest.skip("no chromium on this machine")
+    quiet = ("--no-sandbox", "--disable-background-networking", "--disable-component-update")
+    with sync_api.sync_playwright() as playwright:
+        launched = []
+
+        def launch(*arguments: str) -> Any:
+            launched.append(
+                playwright.chromium.launch(executable_path=found, args=[*quiet, *arguments])
+            )
+            return launched[-1]
+
+        yield launch
+        for browser in launched:
+            browser.close()
 
 
 @pytest.fixture(scope="session")

@@ -68,8 +68,8 @@ def color_chapter(
     options = record["options"]
     blends = _less_corrected(products, surface, flash, options)
     even, found = None, None
-    # Without a flash to take out colours keep the light there was: albedo is not their truth.
-    if flash["light"] is not None:
+    # Of photographs by daylight colours keep the light there was: albedo is not their truth.
+    if set(flash["gains"]) - set(flash["without_flash"]):
         if model_from_local is not None:
             names = tuple(flash["gains"])
             even = photographed_albedo(products, surface, model_from_local, names, options)

@@ -357,7 +357,7 @@ def left() -> tuple[Any, Folder]:
     )
 
 
-ASKED: dict[str, Any] = {"up": "z", "front_deg": 0.0, "width_px": 120, "model_from_world": None}
+ASKED: dict[str, Any] = {"up": "z", "front_deg": 0.0, "width_px": 120, "model_from_local": None}
 
 
 def test_the_chapter_tells_what_correcting_is_worth(left):

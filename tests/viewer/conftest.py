@@ -27,10 +27,6 @@ from workbench.viewer.site import Site, build_site
 #: Far from the origin, as georeferenced models are.
 PLACE = np.array([4_000_000.0, 2_500_000.0, 300.0])
 COARSE = SiteOptions(resolution=256, surfels=5000)
-_ARGUMENTS = (
-    *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--ignore-gpu-blocklist", "--disable-background-networking", "--disable-component-update"),
-)
 
 
 @pytest.fixture(scope="session")
@@ -149,17 +145,11 @@ class Tab:
 
 
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    """Chromium without a window, drawing on the processor; skips plainly where there is none."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    names = ("chromium", "chromium-browser", "google-chrome")
-    found = next(filter(None, map(shutil.which, names)), None)
-    if found is None:
-        pytest.skip("no chromium on this machine")
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=found, args=list(_ARGUMENTS))
-        yield launched
-        launched.close()
+def browser(chromium: Callable[..., Any]) -> Any:
+    """Chromium without a window, drawing on the processor."""
+    return chromium(
+        "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"
+    )
 
 
 @pytest.fixture
