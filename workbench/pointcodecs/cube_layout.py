@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,11 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from workbench.errors import InputError
+from workbench.formats.indexed_file import IndexedFormat
 from workbench.kernels.morton import BITS_PER_AXIS
 from workbench.pointcodecs.codecs import CODECS, PointCodec
 from workbench.pointcodecs.point_cells import CellFrame
 
-MAGIC, VERSION = b"WBPCUBES", 1
 COLORED, NORMALS = 1, 2
 _ZSTD_LEVEL = 9
 
@@ -50,6 +48,15 @@ CUBE = np.dtype(
     ]
 )
 SECTIONS = ("geometry", "color", "normal")
+FORMAT = IndexedFormat(
+    HEADER,
+    b"WBPCUBES",
+    1,
+    "a file of point cubes of the workbench",
+    "The file holds no point cubes.",
+    "The index of the file is damaged or cut short.",
+)
+refused = FORMAT.refused
 
 
 @dataclass(frozen=True)
@@ -97,16 +104,18 @@ def index_bytes(cubes: NDArray[np.void]) -> bytes:
 
 def header_bytes(layout: CubeLayout, index: bytes) -> bytes:
     """The header of a file with an index of `index_bytes`."""
-    header = np.zeros((), HEADER)
-    header["magic"], header["version"], header["codec"] = MAGIC, VERSION, layout.codec.number
-    header["level"], header["cube_level"] = layout.frame.level, layout.cube_level
-    header["flags"] = layout.flags
-    header["origin"], header["cell_size"] = layout.frame.origin, layout.frame.cell_size
-    header["points"] = layout.cubes["points"].sum(dtype=np.uint64)
-    header["cubes"], header["index_offset"] = len(layout.cubes), layout.index_offset
-    header["index_crc"] = zlib.crc32(index)
-    header["header_crc"] = zlib.crc32(header.tobytes()[:-4])
-    return header.tobytes()
+    fields = {
+        "codec": layout.codec.number,
+        "level": layout.frame.level,
+        "cube_level": layout.cube_level,
+        "flags": layout.flags,
+        "origin": layout.frame.origin,
+        "cell_size": layout.frame.cell_size,
+        "points": layout.cubes["points"].sum(dtype=np.uint64),
+        "cubes": len(layout.cubes),
+        "index_offset": layout.index_offset,
+    }
+    return FORMAT.sealed(fields, index)
 
 
 def read_layout(path: Path) -> CubeLayout:
@@ -118,23 +127,7 @@ def read_layout(path: Path) -> CubeLayout:
         Not such a file, of another version, shorter than it says, or damaged.
     """
     path = Path(path)
-    try:
-        with open(path, "rb") as file:
-            start = file.read(HEADER.itemsize)
-            if len(start) < HEADER.itemsize or start[: len(MAGIC)] != MAGIC:
-                raise refused(path, "The file holds no point cubes.", "another header")
-            header = np.frombuffer(start, HEADER)[0]
-            _check_header(path, start, header)
-            end = file.seek(0, 2)
-            # A cube takes a byte at least: nothing larger than the file is ever made room for.
-            if not HEADER.itemsize + int(header["cubes"]) <= int(header["index_offset"]) < end:
-                raise refused(path, "The file is cut short.", f"{end} bytes")
-            file.seek(int(header["index_offset"]))
-            index = file.read()
-    except OSError as error:
-        raise refused(path, "The file cannot be read.", str(error)) from error
-    if zlib.crc32(index) != int(header["index_crc"]):
-        raise refused(path, "The index of the file is damaged or cut short.", "a wrong checksum")
+    header, index = FORMAT.opened(path, _check_header, _check_end)
     cubes = _cubes_of(path, index, int(header["cubes"]))
     codec = next(c for c in CODECS.values() if c.number == int(header["codec"]))
     frame = CellFrame(
@@ -145,17 +138,7 @@ def read_layout(path: Path) -> CubeLayout:
     return layout
 
 
-def _check_header(path: Path, start: bytes, header: Any) -> None:
-    if zlib.crc32(start[:-4]) != int(header["header_crc"]):
-        raise refused(path, "The header of the file is damaged.", "a wrong checksum")
-    if int(header["version"]) != VERSION:
-        raise InputError(
-            "The file is of another version.",
-            file=path,
-            expected=str(VERSION),
-            found=str(int(header["version"])),
-            fix="Export it again with this program, or read it with the one that wrote it.",
-        )
+def _check_header(path: Path, header: Any) -> None:
     levels = {codec.number: codec.cube_level for codec in CODECS.values()}
     level, cube_level = int(header["level"]), int(header["cube_level"])
     sound = 1 <= cube_level <= levels.get(int(header["codec"]), 0) and header["cubes"] > 0
@@ -163,6 +146,12 @@ def _check_header(path: Path, start: bytes, header: Any) -> None:
     sound = sound and bool(np.isfinite(header["origin"]).all())
     if not sound or not 0 < float(header["cell_size"]) < np.inf:
         raise refused(path, "The header of the file makes no sense.", f"levels {level, cube_level}")
+
+
+def _check_end(path: Path, header: Any, end: int) -> None:
+    # A cube takes a byte at least: nothing larger than the file is ever made room for.
+    if not HEADER.itemsize + int(header["cubes"]) <= int(header["index_offset"]) < end:
+        raise refused(path, "The file is cut short.", f"{end} bytes")
 
 
 def _cubes_of(path: Path, index: bytes, count: int) -> NDArray[np.void]:
@@ -195,14 +184,3 @@ def _check_cubes(path: Path, layout: CubeLayout, header: Any) -> None:
         raise refused(path, "The sections of the file do not fit its index.", "other sizes")
     if int(counts.sum()) != int(header["points"]):
         raise refused(path, "The index does not fit the header.", f"{counts.sum()} points")
-
-
-def refused(path: Path, message: str, found: str) -> InputError:
-    """The error of a file that cannot be used."""
-    return InputError(
-        message,
-        file=path,
-        expected="a file of point cubes of the workbench",
-        found=found,
-        fix="Copy the file again, or export it anew.",
-    )

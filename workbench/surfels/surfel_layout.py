@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.errors import InputError
+from workbench.formats.indexed_file import IndexedFormat
 from workbench.surfels.surfel_bytes import surfel_record
 
-MAGIC, VERSION = b"WBSURFEL", 1
 COLORED, EXACT = 1, 2
 # Each coarser list of colours has a quarter of the surfels, down to this many.
 FEWEST_COARSE = 64
@@ -49,6 +47,10 @@ NODE = np.dtype(
         ("reserved_2", "<u4"),
     ]
 )
+FORMAT = IndexedFormat(
+    HEADER, b"WBSURFEL", 1, "a surfel file of the workbench", "The file holds no surfels."
+)
+refused = FORMAT.refused
 
 
 @dataclass(frozen=True)
@@ -92,13 +94,13 @@ def node_bytes(surfels: int, flags: int) -> int:
 
 def header_bytes(layout: SurfelLayout, index_offset: int) -> bytes:
     """The header of a file whose index starts at ``index_offset``."""
-    header = np.zeros((), HEADER)
-    header["magic"], header["version"], header["flags"] = MAGIC, VERSION, layout.flags
-    header["index_offset"], header["nodes"] = index_offset, len(layout.nodes)
-    header["levels"] = int(layout.nodes["level"].max()) + 1
-    header["index_crc"] = zlib.crc32(layout.nodes.tobytes())
-    header["header_crc"] = zlib.crc32(header.tobytes()[:-4])
-    return header.tobytes()
+    fields = {
+        "flags": layout.flags,
+        "index_offset": index_offset,
+        "nodes": len(layout.nodes),
+        "levels": int(layout.nodes["level"].max()) + 1,
+    }
+    return FORMAT.sealed(fields, layout.nodes.tobytes())
 
 
 def read_layout(path: Path) -> SurfelLayout:
@@ -110,41 +112,19 @@ def read_layout(path: Path) -> SurfelLayout:
         Not such a file, of another version, shorter than it says, or damaged.
     """
     path = Path(path)
-    try:
-        with open(path, "rb") as file:
-            start = file.read(HEADER.itemsize)
-            if len(start) < HEADER.itemsize or start[: len(MAGIC)] != MAGIC:
-                raise refused(path, "The file holds no surfels.", "another header")
-            header = np.frombuffer(start, HEADER)[0]
-            _check_header(path, start, header)
-            end = file.seek(0, 2)
-            index_end = int(header["index_offset"]) + int(header["nodes"]) * NODE.itemsize
-            if index_end != end:
-                raise refused(path, "The file is cut short.", f"{end} bytes of {index_end}")
-            file.seek(int(header["index_offset"]))
-            index = file.read()
-    except OSError as error:
-        raise refused(path, "The file cannot be read.", str(error)) from error
-    if zlib.crc32(index) != int(header["index_crc"]):
-        raise refused(path, "The index of the file is damaged.", "a wrong checksum")
+    header, index = FORMAT.opened(path, _check_header, _check_end)
     layout = SurfelLayout(int(header["flags"]), np.frombuffer(index, NODE))
     _check_nodes(path, layout, int(header["index_offset"]))
     return layout
 
 
-def _check_header(path: Path, start: bytes, header: Any) -> None:
-    if zlib.crc32(start[:-4]) != int(header["header_crc"]):
-        raise refused(path, "The header of the file is damaged.", "a wrong checksum")
-    if int(header["version"]) != VERSION:
-        raise InputError(
-            "The file is of another version.",
-            file=path,
-            expected=str(VERSION),
-            found=str(int(header["version"])),
-            fix="Export it again with this program, or read it with the one that wrote it.",
-        )
+def _check_header(path: Path, header: Any) -> None:
     if not int(header["nodes"]) or int(header["flags"]) & ~(COLORED | EXACT):
         raise refused(path, "The header of the file makes no sense.", f"{int(header['nodes'])}")
+
+
+def _check_end(path: Path, header: Any, end: int) -> None:
+    FORMAT.check_nodes_end(path, header, end, NODE.itemsize)
 
 
 def _check_nodes(path: Path, layout: SurfelLayout, end: int) -> None:
@@ -165,18 +145,4 @@ def _check_nodes(path: Path, layout: SurfelLayout, end: int) -> None:
             raise refused(path, "The index contradicts itself.", f"{surfels} surfels, {size} bytes")
         if not 0 < int(node["spacing_prefix"]) <= surfels:
             raise refused(path, "The index contradicts itself.", "a prefix beyond the surfels")
-    parents = np.flatnonzero(nodes["children"])
-    last = nodes["first_child"][parents].astype(np.int64) + nodes["children"][parents]
-    if (nodes["first_child"][parents] <= parents).any() or (last > len(nodes)).any():
-        raise refused(path, "The index names children that are not there.", "a wrong link")
-
-
-def refused(path: Path, message: str, found: str) -> InputError:
-    """The error of a file that cannot be used."""
-    return InputError(
-        message,
-        file=path,
-        expected="a surfel file of the workbench",
-        found=found,
-        fix="Copy the file again, or export it anew.",
-    )
+    FORMAT.check_children(path, nodes["first_child"], nodes["children"])

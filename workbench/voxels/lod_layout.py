@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.errors import InputError
+from workbench.formats.indexed_file import IndexedFormat
 from workbench.voxels.voxel_set import VoxelGrid
 
-MAGIC, VERSION = b"WBVOXLOD", 1
 COLORED, COMPRESSED, GEOMETRY, THIN = 1, 2, 4, 8
 FINEST, LARGEST_CHUNK = 14, 8
 
@@ -56,6 +54,14 @@ NODE = np.dtype(
         ("reserved_2", "<u4"),
     ]
 )
+FORMAT = IndexedFormat(
+    HEADER,
+    b"WBVOXLOD",
+    1,
+    "a voxel level-of-detail file of the workbench",
+    "The file holds no voxel levels of detail.",
+)
+refused = FORMAT.refused
 
 
 @dataclass(frozen=True)
@@ -78,14 +84,16 @@ class LodLayout:
 
 def header_bytes(layout: LodLayout, index_offset: int) -> bytes:
     """The header of a file whose index starts at ``index_offset``."""
-    header = np.zeros((), HEADER)
-    header["magic"], header["version"], header["flags"] = MAGIC, VERSION, layout.flags
-    header["level"], header["chunk_level"] = layout.grid.level, layout.chunk_level
-    header["origin"], header["size"] = layout.grid.origin, layout.grid.size
-    header["index_offset"], header["nodes"] = index_offset, len(layout.nodes)
-    header["index_crc"] = zlib.crc32(layout.nodes.tobytes())
-    header["header_crc"] = zlib.crc32(header.tobytes()[:-4])
-    return header.tobytes()
+    fields = {
+        "flags": layout.flags,
+        "level": layout.grid.level,
+        "chunk_level": layout.chunk_level,
+        "origin": layout.grid.origin,
+        "size": layout.grid.size,
+        "index_offset": index_offset,
+        "nodes": len(layout.nodes),
+    }
+    return FORMAT.sealed(fields, layout.nodes.tobytes())
 
 
 def read_layout(path: Path) -> LodLayout:
@@ -97,23 +105,7 @@ def read_layout(path: Path) -> LodLayout:
         Not such a file, of another version, shorter than it says, or damaged.
     """
     path = Path(path)
-    try:
-        with open(path, "rb") as file:
-            start = file.read(HEADER.itemsize)
-            if len(start) < HEADER.itemsize or start[: len(MAGIC)] != MAGIC:
-                raise refused(path, "The file holds no voxel levels of detail.", "another header")
-            header = np.frombuffer(start, HEADER)[0]
-            _check_header(path, start, header)
-            end = file.seek(0, 2)
-            index_end = int(header["index_offset"]) + int(header["nodes"]) * NODE.itemsize
-            if index_end != end:
-                raise refused(path, "The file is cut short.", f"{end} bytes of {index_end}")
-            file.seek(int(header["index_offset"]))
-            index = file.read()
-    except OSError as error:
-        raise refused(path, "The file cannot be read.", str(error)) from error
-    if zlib.crc32(index) != int(header["index_crc"]):
-        raise refused(path, "The index of the file is damaged.", "a wrong checksum")
+    header, index = FORMAT.opened(path, _check_header, _check_end)
     grid = VoxelGrid(
         header["origin"].astype(np.float64), float(header["size"]), int(header["level"])
     )
@@ -124,21 +116,15 @@ def read_layout(path: Path) -> LodLayout:
     return layout
 
 
-def _check_header(path: Path, start: bytes, header: Any) -> None:
-    if zlib.crc32(start[:-4]) != int(header["header_crc"]):
-        raise refused(path, "The header of the file is damaged.", "a wrong checksum")
-    if int(header["version"]) != VERSION:
-        raise InputError(
-            "The file is of another version.",
-            file=path,
-            expected=str(VERSION),
-            found=str(int(header["version"])),
-            fix="Export it again with this program, or read it with the one that wrote it.",
-        )
+def _check_header(path: Path, header: Any) -> None:
     level, chunk = int(header["level"]), int(header["chunk_level"])
     sound = 1 <= chunk <= LARGEST_CHUNK and 1 <= level <= FINEST
     if not sound or not float(header["size"]) > 0 or not np.isfinite(header["origin"]).all():
         raise refused(path, "The header of the file makes no sense.", f"level {level}, {chunk}")
+
+
+def _check_end(path: Path, header: Any, end: int) -> None:
+    FORMAT.check_nodes_end(path, header, end, NODE.itemsize)
 
 
 def _check_nodes(path: Path, layout: LodLayout, end: int) -> None:
@@ -149,18 +135,4 @@ def _check_nodes(path: Path, layout: LodLayout, end: int) -> None:
         if len(nodes) and ((nodes[name] > end).any() or (stored > end - nodes[name]).any()):
             raise refused(path, "The index points outside the file.", name)
     counts = np.bitwise_count(nodes["children"]).astype(np.int64)
-    parents = np.flatnonzero(counts)
-    last = nodes["first_child"][parents].astype(np.int64) + counts[parents]
-    if (nodes["first_child"][parents] <= parents).any() or (last > len(nodes)).any():
-        raise refused(path, "The index names children that are not there.", "a wrong link")
-
-
-def refused(path: Path, message: str, found: str) -> InputError:
-    """The error of a file that cannot be used."""
-    return InputError(
-        message,
-        file=path,
-        expected="a voxel level-of-detail file of the workbench",
-        found=found,
-        fix="Copy the file again, or export it anew.",
-    )
+    FORMAT.check_children(path, nodes["first_child"], counts)
