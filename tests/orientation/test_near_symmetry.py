@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
@@ -53,6 +55,19 @@ def test_a_porch_tells_which_way_round_a_house_stands(seed: int) -> None:
     assert isinstance(found, ShapeFit), found.reason
     back = found.surface_from_model.apply(model_from_surface.apply(mesh.vertices))
     assert np.linalg.norm(back - mesh.vertices, axis=1).max() < 0.5
+
+
+@pytest.mark.parametrize("count", [1500, 6000])
+def test_copies_of_points_neither_stop_nor_trouble_the_search(count: int) -> None:
+    mesh = house(porch=True)
+    all_of_them = seen(mesh, np.random.default_rng(1))
+    # Few different points, some of them many times.
+    points = all_of_them.chosen(np.arange(count) % 1000)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = fit_by_shape(points, mesh)
+    # So few of them lie too far from most of the surface to claim a fit.
+    assert "the best fit leaves" in found.reason
 
 
 def test_without_one_no_way_round_is_claimed() -> None:

@@ -44,6 +44,8 @@ _WORST_FIT = 0.03
 # solution misplaces fewer than another where chance would say so this many sigmas seldom.
 _MISPLACED_ERRORS, _MISPLACED_SHARE = 3.0, 0.004
 _COUNTED_POINTS = 4000
+# Of the extent: points nearer to each other than that are one.
+_FINEST_CELL = 1e-9
 _SURE_SIGMAS = 4.0
 
 
@@ -254,10 +256,12 @@ def _thinned(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
     """About ``count`` points, evenly over space rather than where texture is rich."""
     low, high = np.quantile(points, [0.02, 0.98], axis=0)
     order = np.arange(len(points))
-    cell = float((high - low).max()) / 4.0
-    while cell > 0.0:
+    extent = float((high - low).max())
+    cell = extent / 4.0
+    # Where all are wanted, or copies leave too few places, none is left out.
+    while len(points) > count and cell > _FINEST_CELL * extent:
         _, first = np.unique(np.floor((points - low) / cell).astype(int), axis=0, return_index=True)
-        if len(first) >= min(count, len(points)) or len(first) == len(points):
+        if len(first) >= count:
             order = np.sort(first)
             break
         cell /= 1.2
