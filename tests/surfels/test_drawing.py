@@ -4,6 +4,7 @@ import pytest
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.formats.gltf import srgb_from_linear
 from workbench.formats.surface_files import read_surface
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
@@ -16,7 +17,6 @@ from workbench.surfels.drawing import (
     disc_view,
     lit,
     pixel_size,
-    srgb_of_light,
     surfel_radius,
 )
 from workbench.surfels.node_surfels import Candidates, chosen_surfels
@@ -179,7 +179,7 @@ def mesh_picture(mesh: TriangleMesh, camera: PhotoCamera) -> NDArray[np.uint8]:
     if color is None:
         color = np.broadcast_to(np.array([206, 200, 190], np.uint8), (len(normals), 3))
     image = np.full((camera.height * camera.width, 3), 255, np.uint8)
-    image[found] = srgb_of_light(lit(color, normals, camera))
+    image[found] = srgb_from_linear(lit(color, normals, camera))
     return image.reshape(camera.height, camera.width, 3)
 
 

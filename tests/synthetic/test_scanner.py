@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.transforms import looking_at
 from workbench.synthetic import ScannerOptions, Scene, SimulatedScan, solids
 from workbench.synthetic.raycasting import RayCaster
 from workbench.synthetic.scanner import Samples, scan_samples
 from workbench.synthetic.scene import OBJECT, SUPPORT, painted
-from workbench.synthetic.stations import looking_at
 
 Scan = Callable[..., Samples]
 GRID = {"rows": 300, "cols": 300, "vertical_fov_deg": 40.0, "horizontal_fov_deg": 40.0}

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from workbench.geometry import transforms
+from workbench.geometry.transforms import looking_at
 from workbench.synthetic import CoarsePoseOptions, Scene, SimulationOptions
 from workbench.synthetic.scanner import ray_directions
-from workbench.synthetic.stations import coarse_pose, local_from_scan, looking_at
+from workbench.synthetic.stations import coarse_pose, local_from_scan
 
 
 def test_the_scan_frame_looks_along_z_with_y_down() -> None:

@@ -27,10 +27,14 @@ def linear_from_srgb(color: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 def srgb_from_linear(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Linear values in 0…1 as sRGB-encoded bytes; the inverse of `linear_from_srgb`."""
-    value = np.clip(linear.astype(np.float64), 0, 1)
-    encoded = np.where(value <= 0.0031308, value * 12.92, 1.055 * value ** (1 / 2.4) - 0.055)
-    bytes_: NDArray[np.uint8] = np.rint(encoded * 255).astype(np.uint8)
+    bytes_: NDArray[np.uint8] = np.rint(encoded_from_linear(linear) * 255).astype(np.uint8)
     return bytes_
+
+
+def encoded_from_linear(linear: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Linear values as sRGB-encoded ones, both in 0…1; what is outside is cut off."""
+    value = np.clip(linear.astype(np.float64), 0, 1)
+    return np.where(value <= 0.0031308, value * 12.92, 1.055 * value ** (1 / 2.4) - 0.055)
 
 
 def write_surface_glb(

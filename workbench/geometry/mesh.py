@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.kernels.crease_normals import crease_normals
+
 _EDGES_AT_ONCE = 1 << 25
 _ATTRIBUTE = "vertex_"
 
@@ -147,3 +149,21 @@ def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     )
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1.0)
+
+
+def corner_normals(mesh: TriangleMesh, crease_deg: float) -> NDArray[np.float32]:
+    """Unit shading normals (m, 3, 3) at the corners of every triangle.
+
+    Parameters
+    ----------
+    mesh : the mesh.
+    crease_deg : edges whose faces differ by more stay sharp.
+    """
+    normals, areas = face_normals_and_areas(mesh)
+    corners = mesh.triangles.ravel()
+    order = np.argsort(corners, kind="stable")
+    first = np.searchsorted(corners[order], np.arange(len(mesh.vertices) + 1))
+    smooth: NDArray[np.float32] = crease_normals(
+        mesh.triangles, first, order // 3, normals, areas, np.cos(np.radians(crease_deg))
+    )
+    return smooth

@@ -34,6 +34,19 @@ def from_twist(twist: ArrayLike) -> Matrix4:
     return rigid(Rotation.from_rotvec(twist[:3]).as_matrix(), twist[3:])
 
 
+def looking_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Matrix4:
+    """4×4 pose of a camera or scanner at ``position`` that looks at ``target``.
+
+    Its frame has its origin in the optical centre, x to the right, y down, z forward.
+    """
+    origin = np.asarray(position, float)
+    forward = np.asarray(target, float) - origin
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, np.asarray(up, float))
+    right /= np.linalg.norm(right)
+    return rigid(np.column_stack([right, np.cross(forward, right), forward]), origin)
+
+
 def inverse(b_from_a: Matrix4) -> Matrix4:
     """``a_from_b`` of a rigid matrix, exact in form: Rᵀ and −Rᵀt."""
     rotation = b_from_a[:3, :3].T

@@ -35,3 +35,16 @@ def corner_shares(
         wb = min(max((cc * bp - bc * cp) / area, 0.0), 1.0)
         wc = min(max((bb * cp - bc * bp) / area, 0.0), 1.0 - wb)
     return 1.0 - wb - wc, wb, wc
+
+
+@njit(cache=True, nogil=True)
+def shares_of_corners(
+    places: NDArray[np.float64],
+    vertices: NDArray[np.float64],
+    corners: NDArray[np.int32],
+) -> NDArray[np.float64]:
+    """`corner_shares` (n, 3) of places (n, 3), each in its triangle's corners (n, 3)."""
+    shares = np.empty((len(places), 3))
+    for i in range(len(places)):
+        shares[i] = corner_shares(places, i, vertices, corners[i, 0], corners[i, 1], corners[i, 2])
+    return shares

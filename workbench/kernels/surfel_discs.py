@@ -38,28 +38,14 @@ def draw_discs(
     height, width = depth.shape
     fx, fy, cx, cy = lens
     for i in range(len(centers)):
-        x, y, z = centers[i, 0], centers[i, 1], centers[i, 2]
-        u, v, w = normals[i, 0], normals[i, 1], normals[i, 2]
-        radius = radii[i]
-        if z + radius <= 0.0:
-            continue
-        left, right, top, bottom = 0, width, 0, height
-        if z > radius:
-            left, right = _span(x, z, radius, fx, cx, width)
-            top, bottom = _span(y, z, radius, fy, cy, height)
-        offset = x * u + y * v + z * w
+        center, normal, radius = centers[i], normals[i], radii[i]
+        left, right, top, bottom = _window(center, radius, lens, width, height)
         for row in range(top, bottom):
             dy = (row + 0.5 - cy) / fy
             for column in range(left, right):
                 dx = (column + 0.5 - cx) / fx
-                slope = dx * u + dy * v + w
-                if abs(slope) < _EDGE_ON:
-                    continue
-                t = offset / slope
-                if not 0.0 < t < depth[row, column]:
-                    continue
-                aside = (t * dx - x) ** 2 + (t * dy - y) ** 2 + (t - z) ** 2
-                if aside <= radius * radius:
+                t, aside = _met(center, normal, dx, dy)
+                if 0.0 < t < depth[row, column] and aside <= radius * radius:
                     depth[row, column] = t
                     number[row, column] = first + i
 
@@ -89,34 +75,56 @@ def blend_discs(
     height, width = depth.shape
     fx, fy, cx, cy = lens
     for i in range(len(centers)):
-        x, y, z = centers[i, 0], centers[i, 1], centers[i, 2]
-        u, v, w = normals[i, 0], normals[i, 1], normals[i, 2]
-        radius = radii[i]
-        if z + radius <= 0.0:
-            continue
-        left, right, top, bottom = 0, width, 0, height
-        if z > radius:
-            left, right = _span(x, z, radius, fx, cx, width)
-            top, bottom = _span(y, z, radius, fy, cy, height)
-        offset = x * u + y * v + z * w
+        center, normal, radius = centers[i], normals[i], radii[i]
+        left, right, top, bottom = _window(center, radius, lens, width, height)
         for row in range(top, bottom):
             dy = (row + 0.5 - cy) / fy
             for column in range(left, right):
                 dx = (column + 0.5 - cx) / fx
-                slope = dx * u + dy * v + w
-                if abs(slope) < _EDGE_ON:
-                    continue
-                t = offset / slope
-                if not 0.0 < t <= depth[row, column] + 2.0 * radius:
-                    continue
-                aside = (t * dx - x) ** 2 + (t * dy - y) ** 2 + (t - z) ** 2
-                if aside > radius * radius:
+                t, aside = _met(center, normal, dx, dy)
+                if not 0.0 < t <= depth[row, column] + 2.0 * radius or aside > radius * radius:
                     continue
                 # A rim that is all a pixel has still tells its colour.
                 weight = max(1.0 - aside / (radius * radius), 1e-6)
                 for k in range(values.shape[1]):
                     sums[row, column, k] += weight * values[i, k]
                 sums[row, column, values.shape[1]] += weight
+
+
+@njit(cache=True, nogil=True)
+def _window(
+    center: NDArray[np.float64],
+    radius: float,
+    lens: tuple[float, float, float, float],
+    width: int,
+    height: int,
+) -> tuple[int, int, int, int]:
+    """First and last columns and rows, the last ones exclusive, that a disc may show on."""
+    fx, fy, cx, cy = lens
+    x, y, z = center[0], center[1], center[2]
+    if z + radius <= 0.0:
+        return 0, 0, 0, 0
+    if z <= radius:
+        return 0, width, 0, height
+    left, right = _span(x, z, radius, fx, cx, width)
+    top, bottom = _span(y, z, radius, fy, cy, height)
+    return left, right, top, bottom
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _met(
+    center: NDArray[np.float64], normal: NDArray[np.float64], dx: float, dy: float
+) -> tuple[float, float]:
+    """Depth at which a ray (dx, dy, 1) meets a disc's plane, and the square of how far aside.
+
+    The depth is negative where the plane is seen edge-on.
+    """
+    x, y, z = center[0], center[1], center[2]
+    slope = dx * normal[0] + dy * normal[1] + normal[2]
+    if abs(slope) < _EDGE_ON:
+        return -1.0, 0.0
+    t = (x * normal[0] + y * normal[1] + z * normal[2]) / slope
+    return t, (t * dx - x) ** 2 + (t * dy - y) ** 2 + (t - z) ** 2
 
 
 @njit(cache=True, nogil=True)

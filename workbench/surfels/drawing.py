@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.formats.gltf import srgb_from_linear
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.point_set import PointSet
 from workbench.geometry.transforms import apply
@@ -59,12 +60,6 @@ def disc_view(
     InputError
         Surfels without normals, or a camera with another lens.
     """
-    if surfels.normals is None:
-        raise InputError(
-            "Points without normals cannot be drawn as discs.",
-            expected="a unit normal for each",
-            fix="Export them as surfels first: that finds their normals.",
-        )
     discs = _discs(surfels, radius, camera)
     shape = (camera.height, camera.width)
     depth = np.full(shape, np.inf)
@@ -77,16 +72,20 @@ def _discs(
     surfels: PointSet, radius: float | NDArray[np.floating], camera: PhotoCamera
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Centres (n, 3), normals (n, 3) and radii (n,) in the camera's frame."""
+    centers = apply(camera.camera_from_world, surfels.points)
+    normals = _normals(surfels).astype(np.float64) @ camera.camera_from_world[:3, :3].T
+    radii = np.broadcast_to(np.asarray(radius, np.float64), (len(surfels),)).copy()
+    return np.ascontiguousarray(centers), np.ascontiguousarray(normals), radii
+
+
+def _normals(surfels: PointSet) -> NDArray[np.float32]:
     if surfels.normals is None:
         raise InputError(
             "Points without normals cannot be drawn as discs.",
             expected="a unit normal for each",
             fix="Export them as surfels first: that finds their normals.",
         )
-    centers = apply(camera.camera_from_world, surfels.points)
-    normals = surfels.normals.astype(np.float64) @ camera.camera_from_world[:3, :3].T
-    radii = np.broadcast_to(np.asarray(radius, np.float64), (len(surfels),)).copy()
-    return np.ascontiguousarray(centers), np.ascontiguousarray(normals), radii
+    return surfels.normals
 
 
 def pinhole(camera: PhotoCamera) -> tuple[float, float, float, float]:
@@ -129,24 +128,40 @@ def disc_picture(
         Discs that overlap on one surface mix in linear light, as the paper suggests (4.2);
         without, each pixel shows the nearest alone.
     """
-    view = disc_view(surfels, radius, camera)
-    image = np.empty((*view.number.shape, 4), np.uint8)
+    image = np.empty((camera.height, camera.width, 4), np.uint8)
     image[:] = _BACKGROUND
-    seen = view.covered
-    if not seen.any() or surfels.normals is None:
-        return image
     colors = np.broadcast_to(_STONE, (len(surfels), 3)) if surfels.color is None else surfels.color
-    light = lit(colors, surfels.normals, camera)
+    light = lit(colors, _normals(surfels), camera)
     if blended:
-        sums = np.zeros((*view.number.shape, 4))
-        lens = pinhole(camera)
-        blend_discs(*_discs(surfels, radius, camera), lens, view.depth, light, sums)
-        linear = sums[seen, :3] / sums[seen, 3:]
+        seen, linear = blended_light(surfels, radius, camera, light)
     else:
-        linear = light[view.number[seen]]
-    image[seen, :3] = srgb_of_light(linear)
+        view = disc_view(surfels, radius, camera)
+        seen, linear = view.covered, light[view.number[view.covered]]
+    image[seen, :3] = srgb_from_linear(linear)
     image[seen, 3] = 255
     return image
+
+
+def blended_light(
+    surfels: PointSet,
+    radius: float | NDArray[np.floating],
+    camera: PhotoCamera,
+    light: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Which pixels show surfels (h, w), and the light (k, 3) of those, rows first.
+
+    Parameters
+    ----------
+    surfels, radius, camera
+        As in `disc_view`.
+    light
+        (n, 3) linear, of each surfel; discs that overlap on one surface mix (Brandt 2019, 4.2).
+    """
+    view = disc_view(surfels, radius, camera)
+    sums = np.zeros((*view.number.shape, 4))
+    blend_discs(*_discs(surfels, radius, camera), pinhole(camera), view.depth, light, sums)
+    seen = view.covered
+    return seen, sums[seen, :3] / sums[seen, 3:]
 
 
 def lit(
@@ -161,15 +176,6 @@ def lit(
     facing = np.where(along[:, 2] > 0.0, -1.0, 1.0) * (along @ light)
     bright = _AMBIENT + (1.0 - _AMBIENT) * np.clip(facing, 0.0, 1.0)
     return np.asarray(LINEAR_OF_BYTE[color] * bright[:, None])
-
-
-def srgb_of_light(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Bytes, sRGB-encoded, of linear light in 0 … 1."""
-    clipped = np.clip(linear, 0.0, 1.0)
-    encoded = np.where(
-        clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1.0 / 2.4) - 0.055
-    )
-    return np.rint(255.0 * encoded).astype(np.uint8)
 
 
 def pixel_size(bounds: NDArray[np.float64], camera: PhotoCamera) -> float:

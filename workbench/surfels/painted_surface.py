@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
-from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
+from workbench.geometry.mesh import TriangleMesh, corner_normals, face_normals_and_areas
 from workbench.geometry.surface_texture import SurfaceTexture
 from workbench.geometry.textured_mesh import TexturedMesh
-from workbench.kernels.crease_normals import crease_normals
 
 _CREASE_DEG = 40.0
 
@@ -70,14 +69,7 @@ class PaintedSurface:
         given = self.mesh.vertex_attributes.get("normal")
         if given is not None:
             return np.asarray(given[self.mesh.triangles], np.float32)
-        normals, areas = face_normals_and_areas(self.mesh)
-        corners = self.mesh.triangles.ravel()
-        order = np.argsort(corners, kind="stable")
-        first = np.searchsorted(corners[order], np.arange(len(self.mesh.vertices) + 1))
-        smooth: NDArray[np.float32] = crease_normals(
-            self.mesh.triangles, first, order // 3, normals, areas, np.cos(np.radians(_CREASE_DEG))
-        )
-        return smooth
+        return corner_normals(self.mesh, _CREASE_DEG)
 
     def colors_at(
         self, triangles: NDArray[np.int64], weights: NDArray[np.float64]

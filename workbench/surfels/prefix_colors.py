@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from workbench.formats.gltf import srgb_from_linear
 from workbench.geometry.neighbours import nearest
 from workbench.geometry.point_set import PointSet
 from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
-from workbench.surfels.drawing import srgb_of_light
 from workbench.surfels.surfel_layout import coarse_counts
 
 
@@ -33,7 +33,7 @@ def mean_colors(
     sums = np.stack(
         [np.bincount(owner, LINEAR_OF_BYTE[colors[:, k]], count) for k in range(3)], axis=1
     )
-    return srgb_of_light(sums / np.maximum(shares, 1)[:, None]), shares
+    return srgb_from_linear(sums / np.maximum(shares, 1)[:, None]), shares
 
 
 def coarse_colors(
@@ -71,5 +71,5 @@ def coarse_colors(
         # A copy of a place may leave its surfel nothing.
         own = LINEAR_OF_BYTE[surfels.color[:count]]
         means = np.where(weight[:, None] > 0, sums / np.maximum(weight, 1)[:, None], own)
-        found.append(srgb_of_light(means))
+        found.append(srgb_from_linear(means))
     return found

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry import transforms
+from workbench.geometry.transforms import looking_at
 from workbench.synthetic.building import DEPTH_M, LENGTH_M
 from workbench.synthetic.photo_options import PathOptions
-from workbench.synthetic.stations import looking_at
 
 # A walk-round alternates between these shares of its swing: neighbours differ in height but
 # never by the whole swing at once.

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from workbench.geometry import transforms
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.transforms import looking_at
 from workbench.synthetic.albedo import SurfacePaint
 from workbench.synthetic.scene import painted
-from workbench.synthetic.stations import looking_at
 from workbench.synthetic.subject import Subject
 
 TARGET = 3

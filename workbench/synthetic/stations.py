@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from workbench.geometry import transforms
 from workbench.synthetic.building import DEPTH_M, LENGTH_M
@@ -18,21 +18,6 @@ _ELEVATIONS_DEG = {
 }
 _PLANE_TILTS_DEG = (8.0, 22.0, 14.0, 28.0)
 _SHEET_ELEVATIONS_DEG = (58.0, -52.0, 72.0, -66.0)
-
-
-def looking_at(
-    position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
-) -> NDArray[np.float64]:
-    """4×4 pose of a scanner at ``position`` that looks at ``target``.
-
-    The scan frame has its origin in the optical centre, x to the right, y down, z forward.
-    """
-    origin = np.asarray(position, float)
-    forward = np.asarray(target, float) - origin
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, np.asarray(up, float))
-    right /= np.linalg.norm(right)
-    return transforms.rigid(np.column_stack([right, np.cross(forward, right), forward]), origin)
 
 
 def local_from_scan(
@@ -61,7 +46,7 @@ def local_from_scan(
             np.sin(elevation_rad),
         ]
     )
-    return looking_at(aim + distance * way, aim)
+    return transforms.looking_at(aim + distance * way, aim)
 
 
 def _outdoors(
@@ -81,7 +66,7 @@ def _outdoors(
     position = np.array([*(foot + distance * outward), height])
     # Looking a little towards the building's middle lets neighbouring views overlap at corners.
     target = np.array([*(0.75 * foot), 6.0 if height > 10 else 4.2])
-    return looking_at(position, target + jitter)
+    return transforms.looking_at(position, target + jitter)
 
 
 def coarse_pose(

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
-from workbench.kernels.crease_normals import crease_normals
+from workbench.geometry.mesh import TriangleMesh, corner_normals
 from workbench.kernels.flash_shading import surface_points
 from workbench.synthetic import solids
 from workbench.synthetic.albedo import SURROUNDINGS, Paint, SurfacePaint, WeatheredPaint
@@ -79,14 +78,7 @@ class Subject:
     @cached_property
     def corner_normals(self) -> NDArray[np.float32]:
         """Unit shading normals (m, 3, 3) at the corners of every triangle."""
-        normals, areas = face_normals_and_areas(self.mesh)
-        corners = self.mesh.triangles.ravel()
-        order = np.argsort(corners, kind="stable")
-        first = np.searchsorted(corners[order], np.arange(len(self.mesh.vertices) + 1))
-        smooth: NDArray[np.float32] = crease_normals(
-            self.mesh.triangles, first, order // 3, normals, areas, np.cos(np.radians(_CREASE_DEG))
-        )
-        return smooth
+        return corner_normals(self.mesh, _CREASE_DEG)
 
     @cached_property
     def vertex_paint(self) -> SurfacePaint:

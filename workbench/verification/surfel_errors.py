@@ -9,11 +9,14 @@ from time import perf_counter, process_time
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.formats.gltf import srgb_from_linear
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.surface_rays import SurfaceRays
+from workbench.geometry.transforms import inverse, looking_at
+from workbench.kernels.barycentric import shares_of_corners
 from workbench.surfels.candidates import surface_candidates
-from workbench.surfels.drawing import disc_picture, lit, srgb_of_light
+from workbench.surfels.drawing import disc_picture, lit
 from workbench.surfels.node_surfels import Candidates, chosen_surfels
 from workbench.surfels.painted_surface import PaintedSurface
 from workbench.surfels.surfel_file import SurfelFile
@@ -135,13 +138,9 @@ def _camera(bounds: NDArray[np.float64], radius: float) -> PhotoCamera:
     focal = 0.5 * _SIZE_PX * away / radius
     side = int(min(max(_SMALLEST_PX, np.ceil(2.0 * focal * np.tan(0.5 * _FOV_RAD))), _LARGEST_PX))
     focal = 0.5 * side / np.tan(0.5 * _FOV_RAD)
-    back = _FROM / np.linalg.norm(_FROM)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, -np.cross(back, right), -back])
-    pose[:3, 3] = -pose[:3, :3] @ (middle + away * back)
-    return PhotoCamera("PINHOLE", side, side, (focal, focal, side / 2, side / 2), pose)
+    pose = looking_at(middle + away * _FROM / np.linalg.norm(_FROM), middle)
+    lens = (focal, focal, side / 2, side / 2)
+    return PhotoCamera("PINHOLE", side, side, lens, inverse(pose))
 
 
 def _picture_of(
@@ -150,7 +149,7 @@ def _picture_of(
     """A surface as a camera sees it, (h, w, 3) in [0, 1], and where it is, lit as surfels are."""
     surface, seen = rays.mesh, rays.seen_by(camera)
     corners = surface.triangles[seen.triangles[seen.found]]
-    weights = _corner_shares(seen.points[seen.found], surface.vertices[corners])[..., None]
+    weights = shares_of_corners(seen.points[seen.found], surface.vertices, corners)[..., None]
     normals = (vertex_normals(surface)[corners] * weights).sum(axis=1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     color = surface.vertex_attributes.get("color")
@@ -158,19 +157,5 @@ def _picture_of(
     truth = np.ones((camera.height, camera.width, 3))
     met = seen.found.reshape(camera.height, camera.width)
     light = lit(np.rint(colors).astype(np.uint8), normals, camera)
-    truth[met] = srgb_of_light(light) / 255.0
+    truth[met] = srgb_from_linear(light) / 255.0
     return truth, met
-
-
-def _corner_shares(
-    points: NDArray[np.float64], corners: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(n, 3) shares of the corners (n, 3, 3) of triangles in points (n, 3) on them."""
-    sides = corners[:, 1:] - corners[:, :1]
-    gram = np.einsum("nik,njk->nij", sides, sides)
-    asked = np.einsum("nik,nk->ni", sides, points - corners[:, 0])
-    area = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2
-    area = np.where(area > 0.0, area, np.inf)
-    b = (gram[:, 1, 1] * asked[:, 0] - gram[:, 0, 1] * asked[:, 1]) / area
-    c = (gram[:, 0, 0] * asked[:, 1] - gram[:, 0, 1] * asked[:, 0]) / area
-    return np.stack([1.0 - b - c, b, c], axis=1)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import SettingsError
 from workbench.geometry.photo_camera import PhotoCamera
+from workbench.geometry.transforms import inverse, looking_at
 
 _SEPARATOR = re.compile(r"[;&]")
 _FIRST_FOV, _LEAST_FOV, _MOST_FOV = 35.0, 1.0, 150.0
@@ -76,16 +77,11 @@ class LinkView:
 
     def camera(self, origin: NDArray[np.float64], width: int, height: int) -> PhotoCamera:
         """The camera of a model whose local coordinates begin at ``origin`` (3,); z is up."""
-        eye, to = np.array(self.eye), np.array(self.to)
-        ahead = (to - eye) / np.linalg.norm(to - eye)
-        right = np.cross(ahead, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        camera_from_world = np.eye(4)
-        camera_from_world[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
-        camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (eye + origin)
+        world_from_camera = looking_at(self.eye, self.to)
+        world_from_camera[:3, 3] += origin
         focal = 0.5 * height / np.tan(np.radians(0.5 * self.fov))
         lens = (focal, focal, 0.5 * width, 0.5 * height)
-        return PhotoCamera("PINHOLE", width, height, lens, camera_from_world)
+        return PhotoCamera("PINHOLE", width, height, lens, inverse(world_from_camera))
 
 
 def _place(text: str) -> tuple[float, float, float]:

@@ -39,9 +39,3 @@ def lit(
         facing = np.abs((normals * ways).sum(axis=1)) / size
     facing = np.where(size > 0.0, facing, 1.0)
     return np.asarray(albedo * (AMBIENT + (1.0 - AMBIENT) * np.minimum(facing, 1.0))[:, None])
-
-
-def encoded(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of sRGB, 0 … 1 of linear light."""
-    value = np.clip(linear, 0.0, 1.0)
-    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)

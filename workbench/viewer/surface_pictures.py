@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.formats.gltf import encoded_from_linear
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.geometry.surface_texture import SurfaceTexture
+from workbench.kernels.barycentric import shares_of_corners
 from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
-from workbench.viewer.page_light import Light, encoded, lit
+from workbench.viewer.page_light import Light, lit
 
 # Rays along each side of a pixel.
 _SIDE = 2
@@ -49,7 +51,7 @@ def surface_picture(
         rows = top + (np.arange(_SIDE * (last - top)) + 0.5) / _SIDE
         pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
         linear, met = shading.at(camera.directions(pixels))
-        values = np.concatenate([encoded(linear) * met[:, None], met[:, None]], axis=1)
+        values = np.concatenate([encoded_from_linear(linear) * met[:, None], met[:, None]], axis=1)
         sums = values.reshape(last - top, _SIDE, camera.width, _SIDE, 4).sum(axis=(1, 3))
         colors = sums[..., :3] / np.maximum(sums[..., 3:], 1.0)
         picture[top:last, :, :3] = np.rint(255.0 * colors)
@@ -79,8 +81,8 @@ class _Shading:
         if not met.any():
             return light, met
         triangles, ways = places.triangles[met], directions[met]
-        shares = self._shares(places.points[met] - self.rays.middle, triangles)
         corners = self.mesh.triangles[triangles]
+        shares = shares_of_corners(places.points[met] - self.rays.middle, self.local, corners)
         normals = (self.normals[corners] * shares[..., None]).sum(axis=1)
         # The side of the triangle decides which side of the normal is seen.
         behind = (places.normals[met] * ways).sum(axis=1) > 0.0
@@ -92,19 +94,6 @@ class _Shading:
         albedo = self._albedo(triangles, corners, shares, self.pixel * distance, slant)
         light[met] = lit(albedo, normals, ways, self.light)
         return light, met
-
-    def _shares(
-        self, points: NDArray[np.float64], triangles: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
-        """Shares (n, 3) of the corners in places on their triangles."""
-        a, b, c = (self.local[self.mesh.triangles[triangles, k]] for k in range(3))
-        u, v, p = b - a, c - a, points - a
-        uu, uv, vv = ((x * y).sum(axis=1) for x, y in ((u, u), (u, v), (v, v)))
-        up, vp = (u * p).sum(axis=1), (v * p).sum(axis=1)
-        area = np.maximum(uu * vv - uv * uv, 1e-300)
-        shares = np.stack([vv * up - uv * vp, uu * vp - uv * up], axis=1) / area[:, None]
-        whole = np.column_stack([1.0 - shares.sum(axis=1), shares])
-        return np.asarray(np.clip(whole, 0.0, 1.0))
 
     def _albedo(
         self,

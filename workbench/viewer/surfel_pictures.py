@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.formats.gltf import srgb_from_linear
 from workbench.geometry.photo_camera import PhotoCamera
-from workbench.geometry.transforms import apply
 from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
-from workbench.kernels.surfel_discs import NO_DISC, blend_discs, draw_discs
-from workbench.surfels.drawing import pinhole
+from workbench.surfels.drawing import blended_light
 from workbench.surfels.surfel_file import SurfelFile
 from workbench.surfels.view_surfels import shown_prefixes, view_surfels
-from workbench.viewer.page_light import Light, encoded, lit
+from workbench.viewer.page_light import Light, lit
 
 SIZE_PX = 1.0
 _PLAIN = 0.55
@@ -41,25 +40,16 @@ def surfel_picture(
     InputError
         The file is damaged, or the camera has another lens.
     """
-    lens = pinhole(camera)
     picture = np.zeros((camera.height, camera.width, 4), np.uint8)
     surfels = view_surfels(file, shown_prefixes(file, camera, size_px))
     if surfels.normals is None or surfels.radius is None or not len(surfels):
         return picture
-    discs = (
-        apply(camera.camera_from_world, surfels.points),
-        surfels.normals.astype(np.float64) @ camera.camera_from_world[:3, :3].T,
-        surfels.radius.astype(np.float64),
-    )
-    shape = picture.shape[:2]
-    depth, number = np.full(shape, np.inf), np.full(shape, NO_DISC, np.int32)
-    draw_discs(*discs, lens, 0, depth, number)
     albedo = np.full((len(surfels), 3), _PLAIN)
     if surfels.color is not None:
         albedo = LINEAR_OF_BYTE[surfels.color]
-    sums = np.zeros((*shape, 4))
-    blend_discs(*discs, lens, depth, lit(albedo, discs[1], discs[0], light), sums)
-    seen = number != NO_DISC
-    picture[seen, :3] = np.rint(255.0 * encoded(sums[seen, :3] / sums[seen, 3:]))
+    normals, ways = surfels.normals.astype(np.float64), surfels.points - camera.center
+    light_of_each = lit(albedo, normals, ways, light)
+    seen, linear = blended_light(surfels, surfels.radius, camera, light_of_each)
+    picture[seen, :3] = srgb_from_linear(linear)
     picture[seen, 3] = 255
     return picture
