@@ -1,30 +1,17 @@
 // Points of nodes: asked for node by node, uploaded a few each frame, given up when old.
 
 import { VertexArray } from "../gpu.js";
+import { NodeStore } from "./node_store.js";
 import { POINT_BYTES, packedPoints } from "./potree_file.js";
 
 const AT_ONCE = 4;
 const UPLOAD_BYTES = 2 << 20;
 
 /** The nodes that are on the GPU. */
-export class CloudStore {
-  constructor({ gl, counts, redraw, tell }, file, source) {
-    this.gl = gl;
-    this.counts = counts;
-    this.redraw = redraw;
-    this.tell = tell;
-    this.file = file;
-    this.source = source;
+export class CloudStore extends NodeStore {
+  constructor(context, file, source) {
+    super(context, file, source, { most: AT_ONCE, uploadBytes: UPLOAD_BYTES });
     this.held = new Map();
-    this.arrived = [];
-    this.running = 0;
-    this.stopping = new AbortController();
-    this.frame = 0;
-  }
-
-  /** Bytes on their way, or still to be uploaded. */
-  get busy() {
-    return this.running > 0 || this.arrived.length > 0;
   }
 
   /** Ask for nodes, in their order; false where all are there. */
@@ -34,34 +21,26 @@ export class CloudStore {
       if (held) held.frame = this.frame;
     });
     const left = nodes.filter((node) => !this.held.has(node) && !node.failed && !node.waiting);
-    for (const node of left.slice(0, AT_ONCE - this.running)) this.#fetch(node);
+    for (const node of left.slice(0, this.free)) this.#fetch(node);
     return left.length > 0;
   }
 
-  async #fetch(node) {
-    const { signal } = this.stopping;
+  #fetch(node) {
     node.waiting = true;
-    this.running += 1;
-    try {
-      const buffer = await this.source.range(node.offset, node.bytes, { signal });
-      if (!signal.aborted) this.arrived.push({ node, buffer });
-    } catch (error) {
-      node.failed = true;
-      node.waiting = false;
-      if (!signal.aborted) this.tell(`${error.message} This part is shown coarser.`);
-    } finally {
-      this.running -= 1;
-      if (!signal.aborted) this.redraw();
-    }
+    this.ask(
+      async (signal) => ({ node, buffer: await this.source.range(node.offset, node.bytes, { signal }) }),
+      (why) => {
+        node.failed = true;
+        node.waiting = false;
+        this.tell(`${why} This part is shown coarser.`);
+      },
+    );
   }
 
   /** Put what arrived on the GPU, not much at a time. */
   upload() {
     const { gl } = this;
-    this.frame += 1;
-    let bytes = 0;
-    while (this.arrived.length && bytes < UPLOAD_BYTES) {
-      const { node, buffer } = this.arrived.shift();
+    this.uploadArrived(({ node, buffer }) => {
       node.waiting = false;
       const { packed, gap } = packedPoints(this.file, node, buffer);
       const array = new VertexArray(gl, this.counts).vertices(packed, POINT_BYTES, [
@@ -70,8 +49,8 @@ export class CloudStore {
         [2, 3, gl.BYTE, true, 12],
       ]);
       this.held.set(node, { array, gap, frame: this.frame });
-      bytes += packed.byteLength;
-    }
+      return packed.byteLength;
+    });
   }
 
   /** Keep below a budget: what was not wanted for longest goes first. */
@@ -85,7 +64,7 @@ export class CloudStore {
   }
 
   dispose() {
-    this.stopping.abort();
+    this.stop();
     [...this.held.keys()].forEach((node) => this.#drop(node));
   }
 

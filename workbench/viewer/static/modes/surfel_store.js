@@ -1,6 +1,7 @@
 // Surfels of nodes: asked for a prefix at a time, uploaded a little each frame, given up when old.
 
 import { crc32 } from "../crc32.js";
+import { NodeStore } from "./node_store.js";
 import { coarseCounts } from "./surfel_file.js";
 
 const FIRST_SURFELS = 1024;
@@ -8,24 +9,10 @@ const AT_ONCE = 4;
 const UPLOAD_BYTES = 2 << 20;
 
 /** The prefixes of nodes that are on the GPU. */
-export class SurfelStore {
-  constructor({ gl, counts, redraw, tell }, file, source) {
-    this.gl = gl;
-    this.counts = counts;
-    this.redraw = redraw;
-    this.tell = tell;
-    this.file = file;
-    this.source = source;
+export class SurfelStore extends NodeStore {
+  constructor(context, file, source) {
+    super(context, file, source, { most: AT_ONCE, uploadBytes: UPLOAD_BYTES });
     this.held = new Map();
-    this.arrived = [];
-    this.running = 0;
-    this.stopping = new AbortController();
-    this.frame = 0;
-  }
-
-  /** Bytes on their way, or still to be uploaded. */
-  get busy() {
-    return this.running > 0 || this.arrived.length > 0;
   }
 
   /** How many surfels of a node can be drawn. */
@@ -38,50 +25,41 @@ export class SurfelStore {
     const left = wanted
       .filter(({ node, count }) => !node.failed && this.loaded(node) < count && !node.waiting)
       .sort((a, b) => b.error - a.error);
-    for (const { node, count } of left.slice(0, AT_ONCE - this.running)) this.#fetch(node, count);
+    for (const { node, count } of left.slice(0, this.free)) this.#fetch(node, count);
     return left.length > 0;
   }
 
-  async #fetch(node, count) {
+  #fetch(node, count) {
     const { stride, colored } = this.file;
     const from = this.loaded(node);
     const to = Math.min(node.surfels, stepAbove(count));
-    const { signal } = this.stopping;
     node.waiting = true;
-    this.running += 1;
-    try {
+    const read = async (signal) => {
       const part = this.source.range(node.offset + from * stride, (to - from) * stride, { signal });
       const plain = node.surfels * stride;
       // The colours of short prefixes come with the first of them: they are a twelfth of all.
       const tail = colored && !from ? this.source.range(node.offset + plain, node.bytes - plain, { signal }) : null;
       const [surfels, coarse] = await Promise.all([part, tail]);
-      if (!signal.aborted) this.arrived.push({ node, from, to, surfels, coarse });
-    } catch (error) {
-      if (!signal.aborted) this.#fail(node, error.message);
-    } finally {
-      this.running -= 1;
-      if (!signal.aborted) this.redraw();
-    }
+      return { node, from, to, surfels, coarse };
+    };
+    this.ask(read, (why) => this.#fail(node, why));
   }
 
   /** Put what arrived on the GPU, not much at a time. */
   upload() {
-    this.frame += 1;
-    let bytes = 0;
-    while (this.arrived.length && bytes < UPLOAD_BYTES) {
-      const { node, from, to, surfels, coarse } = this.arrived.shift();
+    this.uploadArrived(({ node, from, to, surfels, coarse }) => {
       node.waiting = false;
       const held = this.held.get(node) ?? new HeldNode(this.gl, this.counts, this.file, node);
-      if (held.loaded !== from) continue;
+      if (held.loaded !== from) return 0;
       this.held.set(node, held);
       held.frame = this.frame;
       held.add(surfels, coarse && new Uint8Array(coarse), to);
-      bytes += surfels.byteLength;
       if (held.damaged) {
         this.#drop(node);
         this.#fail(node, "Some surfels are damaged");
       }
-    }
+      return surfels.byteLength;
+    });
   }
 
   /**
@@ -103,7 +81,7 @@ export class SurfelStore {
   }
 
   dispose() {
-    this.stopping.abort();
+    this.stop();
     [...this.held.keys()].forEach((node) => this.#drop(node));
   }
 

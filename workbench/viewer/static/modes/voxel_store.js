@@ -1,6 +1,7 @@
 // Chunks of voxels and of the original surface: asked for, uploaded a little each frame, given up when old.
 
 import { Texture, VertexArray } from "../gpu.js";
+import { NodeStore } from "./node_store.js";
 import { bodyOf, surfaceOf } from "./vlod.js";
 import { facesOf } from "./voxel_lists.js";
 
@@ -12,21 +13,13 @@ const CORNER_BYTES = 20;
 const FACES = 2.2;
 
 /** What of the nodes is on the card. */
-export class VoxelStore {
-  constructor({ gl, counts, redraw, tell }, file, source) {
-    Object.assign(this, { gl, counts, redraw, tell, file, source });
+export class VoxelStore extends NodeStore {
+  constructor(context, file, source) {
+    super(context, file, source, { most: AT_ONCE, uploadBytes: UPLOAD_BYTES });
     this.held = { voxels: new Map(), surface: new Map() };
     this.failed = { voxels: new Set(), surface: new Set() };
     this.waiting = new Set();
-    this.arrived = [];
-    this.running = 0;
     this.told = false;
-    this.stopping = new AbortController();
-    this.frame = 0;
-  }
-
-  get busy() {
-    return this.running > 0 || this.arrived.length > 0;
   }
 
   /** What is on the card of a node, undefined where it is not; it counts as used. */
@@ -52,43 +45,34 @@ export class VoxelStore {
   want(wanted) {
     const left = wanted.filter(({ node, kind }) => !this.held[kind].has(node) && !this.lost(node, kind));
     const next = left.filter(({ node, kind }) => !this.waiting.has(node.parts[kind]));
-    for (const { node, kind } of next.slice(0, AT_ONCE - this.running)) this.#fetch(node, kind);
+    for (const { node, kind } of next.slice(0, this.free)) this.#fetch(node, kind);
     return left.length > 0;
   }
 
-  async #fetch(node, kind) {
+  #fetch(node, kind) {
     const part = node.parts[kind];
-    const { signal } = this.stopping;
     this.waiting.add(part);
-    this.running += 1;
-    try {
-      const buffer = await this.source.range(part.offset, part.stored, { signal });
-      if (!signal.aborted) this.arrived.push({ node, kind, buffer });
-    } catch (error) {
-      if (!signal.aborted) this.#fail(node, kind, error.message);
-    } finally {
-      this.running -= 1;
-      if (!signal.aborted) this.redraw();
-    }
+    this.ask(
+      async (signal) => ({ node, kind, buffer: await this.source.range(part.offset, part.stored, { signal }) }),
+      (why) => this.#fail(node, kind, why),
+    );
   }
 
   /** Put what arrived on the card, not much at a time. */
   upload() {
-    this.frame += 1;
-    let bytes = 0;
-    while (this.arrived.length && bytes < UPLOAD_BYTES) {
-      const { node, kind, buffer } = this.arrived.shift();
+    this.uploadArrived(({ node, kind, buffer }) => {
       this.waiting.delete(node.parts[kind]);
       try {
         const body = bodyOf(this.file, node.parts[kind], buffer);
         const held = kind === "voxels" ? this.#voxels(node, body) : this.#surface(node, body);
         held.frame = this.frame;
         this.held[kind].set(node, held);
-        bytes += held.bytes;
+        return held.bytes;
       } catch (error) {
         this.#fail(node, kind, error.message);
+        return 0;
       }
-    }
+    });
   }
 
   #voxels(node, body) {
@@ -132,7 +116,7 @@ export class VoxelStore {
   }
 
   dispose() {
-    this.stopping.abort();
+    this.stop();
     for (const kind of ["voxels", "surface"]) for (const node of [...this.held[kind].keys()]) this.#drop(node, kind);
   }
 
