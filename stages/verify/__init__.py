@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from stages.verify.color import color_chapter
 from stages.verify.development import development_chapter
 from stages.verify.masks import masks_chapter
+from stages.verify.options import VerifyOptions
 from stages.verify.orientation import orientation_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
 from stages.verify.texturing import texture_chapter
@@ -25,7 +25,6 @@ from workbench.metrics import Metric
 from workbench.pipeline.records import utc_now
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.project import Scene
-from workbench.project.settings import StageOptions
 
 if TYPE_CHECKING:
     from workbench.verification.report_content import Section
@@ -50,24 +49,6 @@ _TRUTHS_SHOWN = 2
 _OBJECT = 0
 # More samples change no figure that is shown.
 _SAMPLES_COMPARED = 2_000_000
-
-
-class VerifyOptions(StageOptions):
-    """Options of ``verify``."""
-
-    up: Literal["x", "y", "z"] = Field("z", description="The vertical axis of the pictures.")
-    front_deg: float = Field(
-        0.0, ge=-360.0, le=360.0, description="Turn about the vertical that shows the front."
-    )
-    picture_width_px: int = Field(460, ge=120, le=4000, description="Width of each picture.")
-    samples: int = Field(
-        200_000, ge=1000, le=50_000_000, description="Surface samples for the comparisons."
-    )
-    texture_sizes_px: tuple[Annotated[int, Field(ge=16, le=4096)], ...] = Field(
-        (64, 128, 192),
-        description="Sizes of depth maps at which labelling is timed, where photographs are held "
-        "out; [] leaves that out.",
-    )
 
 
 def needed(scene: Scene, options: VerifyOptions) -> Need:

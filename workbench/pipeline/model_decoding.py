@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from workbench.cloud.point_sources import CLOUD_SUFFIX, points_of
+from workbench.cloud.point_export import export_points
+from workbench.cloud.point_sources import PointSource
 from workbench.errors import SettingsError
-from workbench.formats.ply_points import write_ply_points
-from workbench.formats.point_files import point_stream
-from workbench.formats.point_stream import PointStream, slices_of, surveyed
 from workbench.pointcodecs.cube_file import SUFFIX as CUBE_SUFFIX
 from workbench.pointcodecs.cube_file import read_point_cubes
 from workbench.surfels.surfel_file import SURFEL_SUFFIX, surfel_points
@@ -67,17 +65,14 @@ def decode(
             "resolution": voxels.grid.resolution,
             "voxel_size": voxels.grid.voxel_size,
         }
-    stream = _stream(path, suffix, count)
-    write_ply_points(out, stream)
+    told = export_points(_points(path, suffix, count), out, "ply")
     unit = "surfels" if suffix == SURFEL_SUFFIX else "points"
-    return {"file": str(out), "items": stream.count, "unit": unit}
+    return {"file": str(out), "items": told["items"], "unit": unit}
 
 
-def _stream(path: Path, suffix: str, count: int | None) -> PointStream:
+def _points(path: Path, suffix: str, count: int | None) -> PointSource:
     if suffix == SURFEL_SUFFIX:
-        return surveyed(slices_of(surfel_points(path, count)), path)
+        return surfel_points(path, count)
     if suffix == CUBE_SUFFIX:
-        return surveyed(slices_of(read_point_cubes(path).point_set()), path)
-    if suffix == CLOUD_SUFFIX:
-        return surveyed(slices_of(points_of(path)), path)
-    return point_stream(path)
+        return read_point_cubes(path).point_set()
+    return path

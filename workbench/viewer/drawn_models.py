@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError, SettingsError
 from workbench.formats.glb_container import read_glb_description
-from workbench.formats.surface_files import read_surface
 from workbench.formats.textured_surface import read_textured_surface
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
@@ -23,7 +22,7 @@ from workbench.project.project import Project
 from workbench.surfels.surfel_file import SURFEL_SUFFIX, SurfelFile
 from workbench.viewer.link_views import LinkView
 from workbench.viewer.page_light import Light
-from workbench.viewer.site import DATA
+from workbench.viewer.site import DATA, model_bounds
 from workbench.viewer.surface_pictures import surface_picture
 from workbench.viewer.surfel_pictures import surfel_picture
 from workbench.voxels.graph_pictures import camera_around, picture
@@ -241,7 +240,8 @@ def _painted(path: Path) -> tuple[TriangleMesh, SurfaceTexture | None]:
 
 def _origin(folder: Path) -> NDArray[np.float64]:
     """(3,) where local coordinates of a project's site begin."""
-    return _middle(read_surface(_exported(folder, _SURFACES, "surface", "export.ply=true")))
+    low, high = model_bounds(Project(folder).store)
+    return np.asarray(0.5 * (low + high))
 
 
 def _middle(mesh: TriangleMesh) -> NDArray[np.float64]:

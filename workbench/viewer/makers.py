@@ -8,8 +8,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import TYPE_CHECKING
 
-from workbench.project.store import ProductStore
-from workbench.viewer.representations import Made, Representation, SiteOptions
+from workbench.viewer.representations import Exports, Made, Representation, SiteOptions
 
 if TYPE_CHECKING:
     from workbench.voxels.lod_export import LodOptions
@@ -22,25 +21,23 @@ _CHUNK_LEVEL = 6
 _POTREE = ("potree_metadata", "potree_hierarchy", "potree_octree")
 
 
-def _textured(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+def _textured(exports: Exports, folder: Path, options: SiteOptions) -> Made:
     del options
-    copyfile(store.path("textured_glb"), folder / "textured.glb")
+    copyfile(exports.store.path("textured_glb"), folder / "textured.glb")
     return Made(_triangles(folder / "textured.glb"), "triangles", "With its photographs.")
 
 
-def _surface(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+def _surface(exports: Exports, folder: Path, options: SiteOptions) -> Made:
     del options
-    copyfile(store.path("surface_glb"), folder / "surface.glb")
+    copyfile(exports.store.path("surface_glb"), folder / "surface.glb")
     told = "Colours at its corners; says what was measured and what filled in."
     return Made(_triangles(folder / "surface.glb"), "triangles", told)
 
 
-def _surfels(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
-    from workbench.formats.surface_files import read_surface
+def _surfels(exports: Exports, folder: Path, options: SiteOptions) -> Made:
     from workbench.surfels.surfel_export import export_surfels
     from workbench.surfels.surfel_options import SurfelOptions
 
-    surface = read_surface(store.path("surface_ply"))
     # A leaf has about as many surfels as triangles: nothing of the surface is lost.
     settings = SurfelOptions(
         count=options.surfels,
@@ -48,27 +45,23 @@ def _surfels(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
         split_above=max(_FEWEST_SPLIT, options.surfels),
         workers=options.workers,
     )
-    told = export_surfels(surface, folder / "surface.surfels", settings)
+    told = export_surfels(exports.surface, folder / "surface.surfels", settings)
     return Made(told["items"], "surfels", "Discs, as many as the picture needs.")
 
 
-def _voxels(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
-    from workbench.formats.surface_files import read_surface
+def _voxels(exports: Exports, folder: Path, options: SiteOptions) -> Made:
     from workbench.voxels.lod_export import write_voxel_lod
 
-    surface = read_surface(store.path("surface_ply"))
-    told = write_voxel_lod(surface, folder / "surface.vlod", _voxel_options(options))
+    told = write_voxel_lod(exports.surface, folder / "surface.vlod", _voxel_options(options))
     size = f"{told['voxels'] / 1e6:.1f} million voxels of {1e3 * told['voxel_size']:.2g} mm"
     return Made(told["voxels"], "voxels", f"{size}; levels of detail in {told['chunks']} chunks.")
 
 
-def _graph(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
-    from workbench.formats.surface_files import read_surface
+def _graph(exports: Exports, folder: Path, options: SiteOptions) -> Made:
     from workbench.voxels.surface_export import write_surface_graph
 
-    surface = read_surface(store.path("surface_ply"))
     told = write_surface_graph(
-        surface, folder / "surface.voxgraph", "ssvdag", _voxel_options(options)
+        exports.surface, folder / "surface.voxgraph", "ssvdag", _voxel_options(options)
     )
     bits = f"{told['bits_per_voxel']:.2g} bits each, colours apart"
     return Made(told["voxels"], "voxels", f"{told['voxels'] / 1e6:.1f} million voxels, {bits}.")
@@ -82,19 +75,19 @@ def _voxel_options(options: SiteOptions) -> LodOptions:
     )
 
 
-def _cloud(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+def _cloud(exports: Exports, folder: Path, options: SiteOptions) -> Made:
     del options
     for name in _POTREE:
-        copyfile(store.path(name), folder / store.path(name).name)
+        copyfile(exports.store.path(name), folder / exports.store.path(name).name)
     told = json.loads((folder / "metadata.json").read_text(encoding="utf-8"))
     return Made(int(told["points"]), "points", "The consolidated points of the scans.")
 
 
-def _stitched(store: ProductStore, folder: Path, options: SiteOptions) -> Made:
+def _stitched(exports: Exports, folder: Path, options: SiteOptions) -> Made:
     from workbench.viewer.stitched_files import write_project
 
     del options
-    told = write_project(store, folder)
+    told = write_project(exports.store, folder)
     triangles = sum(mesh["triangles"] for mesh in told["meshes"])
     photographs = sum(photo["picture"] is not None for photo in told["photos"])
     return Made(triangles, "triangles", f"Out of {photographs} photographs, each where it is best.")

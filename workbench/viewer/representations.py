@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from workbench.formats.surface_files import read_surface
+from workbench.geometry.mesh import TriangleMesh
 from workbench.project.store import ProductStore
 
 
@@ -24,6 +27,23 @@ class SiteOptions:
     resolution: int = 1024
     surfels: int = 50_000
     workers: int = 1
+
+
+@dataclass(frozen=True)
+class Exports:
+    """What a project exported; the surface is read when it is asked for, and once.
+
+    Attributes
+    ----------
+    store : of the project.
+    """
+
+    store: ProductStore
+
+    @cached_property
+    def surface(self) -> TriangleMesh:
+        """The exported PLY, in the user's coordinates."""
+        return read_surface(self.store.path("surface_ply"))
 
 
 @dataclass(frozen=True)
@@ -66,5 +86,5 @@ class Representation:
     file: str
     sources: tuple[str, ...]
     missing: str
-    make: Callable[[ProductStore, Path, SiteOptions], Made]
+    make: Callable[[Exports, Path, SiteOptions], Made]
     settings: Callable[[SiteOptions], Any] = lambda options: None

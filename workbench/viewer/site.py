@@ -25,12 +25,13 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
-from workbench.formats.surface_files import read_surface
+from workbench.formats.point_files import point_stream
 from workbench.pipeline.progress import Progress
 from workbench.project.hashing import FileHashes, hash_of_value
 from workbench.project.project import Project
+from workbench.project.store import ProductStore
 from workbench.viewer.makers import REPRESENTATIONS
-from workbench.viewer.representations import Made, Representation, SiteOptions
+from workbench.viewer.representations import Exports, Made, Representation, SiteOptions
 
 SCENE, DATA = "scene.json", "data"
 # Whatever changes the bytes that makers write.
@@ -69,7 +70,7 @@ def build_site(project: Project, options: SiteOptions, progress: Progress) -> Si
         The project exported no surface.
     """
     folder = project.root / "work" / "view"
-    hashes = project.hashes
+    hashes, exports = project.hashes, Exports(project.store)
     modes, left_out, kept = [], [], set()
     for form in REPRESENTATIONS:
         if not all(project.store.paths(name) for name in form.sources):
@@ -79,7 +80,7 @@ def build_site(project: Project, options: SiteOptions, progress: Progress) -> Si
         place = folder / DATA / f"{form.mode}-{key}"
         if not (place / "made.json").exists():
             with progress.step(f"{form.label.lower()} for the browser"):
-                _make(project, form, place, options)
+                _make(exports, form, place, options)
         made = json.loads((place / "made.json").read_text(encoding="utf-8"))
         modes.append(_entry(form, place, made))
         kept.add(place.name)
@@ -157,12 +158,12 @@ def _key(project: Project, hashes: FileHashes, form: Representation, options: Si
     return hash_of_value(told).rpartition(":")[2][:12]
 
 
-def _make(project: Project, form: Representation, place: Path, options: SiteOptions) -> None:
+def _make(exports: Exports, form: Representation, place: Path, options: SiteOptions) -> None:
     """Write a form's files beside, then rename: a folder that is there is whole."""
     partial = place.with_name(f".{place.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    made = form.make(project.store, partial, options)
+    made = form.make(exports, partial, options)
     (partial / "made.json").write_text(json.dumps(asdict(made)), encoding="utf-8")
     shutil.rmtree(place, ignore_errors=True)
     os.replace(partial, place)
@@ -192,10 +193,7 @@ def _remove_others(folder: Path, kept: set[str]) -> None:
 
 def _placed(project: Project) -> dict[str, Any]:
     """Origin, bounds and the first view of a project's surface."""
-    store = project.store
-    name = next((n for n in ("surface_ply", "surface_glb") if store.exists(n)), "textured_glb")
-    vertices = read_surface(store.path(name)).vertices
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = model_bounds(project.store)
     origin = 0.5 * (low + high)
     size = high - low
     return {
@@ -203,6 +201,26 @@ def _placed(project: Project) -> dict[str, Any]:
         "bounds": [(low - origin).tolist(), (high - origin).tolist()],
         "home": {"eye": _first_eye(size).tolist(), "to": [0.0, 0.0, 0.0], "fov": _FOV_DEG},
     }
+
+
+def model_bounds(store: ProductStore) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners (3,), (3,) of a project's exported surface; local coordinates begin amid them.
+
+    Raises
+    ------
+    InputError
+        No surface was exported.
+    """
+    for name in ("surface_ply", "surface_glb", "textured_glb"):
+        if store.exists(name):
+            # Of a PLY the vertices alone are read, some at a time.
+            told = point_stream(store.path(name))
+            return told.low, told.high
+    raise InputError(
+        "The project has no surface",
+        file=store.root,
+        fix=f"workbench export {store.root} --set export.ply=true",
+    )
 
 
 def _first_eye(size: NDArray[np.float64]) -> NDArray[np.float64]:
