@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workbench.geometry import transforms
 from workbench.geometry.mesh import TriangleMesh
@@ -40,6 +41,31 @@ def building_mesh(rng: np.random.Generator) -> TriangleMesh:
     bodies.append(painted(_ground(rng), SUPPORT, np.array([0.22])))
     bodies.extend(painted(part, SUPPORT, np.array([0.1])) for part in _street_furniture())
     return solids.collected(bodies)
+
+
+def round_the_walls(
+    share: float, corner_m: float = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A foot (2,) on the outline, and the way (2,) out from it, of a path round the building.
+
+    Parameters
+    ----------
+    share : of the way round, from the left end of the front; whole rounds do not count.
+    corner_m : metres of the way that are spent at each corner, turning round it.
+    """
+    half = np.array([0.5 * LENGTH_M, 0.5 * DEPTH_M])
+    sides = np.array([LENGTH_M, DEPTH_M, LENGTH_M, DEPTH_M])
+    ends = np.cumsum(sides + corner_m)
+    along = (share % 1.0) * ends[-1]
+    side = int(np.searchsorted(ends, along, side="right")) % 4
+    step = along - np.concatenate([[0.0], ends])[side]
+    corners = np.array([[-half[0], -half[1]], [half[0], -half[1]], half, [-half[0], half[1]]])
+    heading = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])[side]
+    outward = np.array([heading[1], -heading[0]])
+    if step <= sides[side]:
+        return corners[side] + step * heading, outward
+    bend = 0.5 * np.pi * (step - sides[side]) / corner_m
+    return corners[side] + sides[side] * heading, np.cos(bend) * outward + np.sin(bend) * heading
 
 
 def _walls(rng: np.random.Generator) -> list[TriangleMesh]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from workbench.geometry import transforms
 from workbench.geometry.transforms import looking_at
-from workbench.synthetic.building import DEPTH_M, LENGTH_M
+from workbench.synthetic.building import round_the_walls
 from workbench.synthetic.photo_options import PathOptions
 
 # A walk-round alternates between these shares of its swing: neighbours differ in height but
@@ -17,8 +17,9 @@ _SWING = (-1.0, 0.0, 1.0, 0.0)
 
 # Height of the camera and of what it is aimed at, round by round along walls: on foot, by drone.
 _HEIGHTS_M = ((1.7, 4.2), (12.0, 6.0))
-# Part of the way along walls that is spent on turning round each corner.
-_CORNER_SHARE = 0.1
+# Way along walls that is spent on turning round each corner: where the path turned at once,
+# neighbouring photographs would show nothing in common.
+_CORNER_M = 50.0 / 3.0
 
 
 def local_from_camera(
@@ -45,7 +46,7 @@ def local_from_camera(
     shake = rng.standard_normal(7)
     aim, shift, roll_deg = np.array(focus, float), np.zeros(3), 0.0
     if options.kind == "along walls":
-        foot, outward = _along_walls(along - turn)
+        foot, outward = round_the_walls(along - turn, _CORNER_M)
         eye, target = _HEIGHTS_M[turn % len(_HEIGHTS_M)]
         place = [*(foot + options.distance_m * outward), eye]
         level = looking_at(
@@ -74,30 +75,3 @@ def _rolled(pose: NDArray[np.float64], roll_deg: float) -> NDArray[np.float64]:
     roll = transforms.from_twist([0.0, 0.0, np.radians(roll_deg), 0.0, 0.0, 0.0])
     turned: NDArray[np.float64] = pose @ roll
     return turned
-
-
-def _along_walls(share: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The place on the building's outline (2,) that is looked at, and the way (2,) back from it.
-
-    The path goes along the walls and in quarter circles round the corners: where it turned at
-    once, neighbouring photographs would show nothing in common.
-
-    Parameters
-    ----------
-    share : of the way round, in [0, 1), from the left end of the front.
-    """
-    lengths = np.array([LENGTH_M, DEPTH_M, LENGTH_M, DEPTH_M])
-    lengths *= (1.0 - 4.0 * _CORNER_SHARE) / lengths.sum()
-    starts = np.concatenate([[0.0], np.cumsum(lengths + _CORNER_SHARE)])
-    side = min(int(np.searchsorted(starts, share, side="right")) - 1, 3)
-    step = share - starts[side]
-    half = 0.5 * np.array([LENGTH_M, DEPTH_M])
-    turned = 0.5 * np.pi * side
-    heading = np.round([np.cos(turned), np.sin(turned)])
-    outward = np.array([heading[1], -heading[0]])
-    start = half * (outward - heading)
-    end = half * (outward + heading)
-    if step <= lengths[side]:
-        return start + (end - start) * step / lengths[side], outward
-    bend = 0.5 * np.pi * (step - lengths[side]) / _CORNER_SHARE
-    return end, np.cos(bend) * outward + np.sin(bend) * heading

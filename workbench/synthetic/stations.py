@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry import transforms
-from workbench.synthetic.building import DEPTH_M, LENGTH_M
+from workbench.synthetic.building import round_the_walls
 from workbench.synthetic.options import CoarsePoseOptions, SimulationOptions
 from workbench.synthetic.scene import Scene
 
@@ -53,15 +53,7 @@ def _outdoors(
     index: int, share: float, distance: float, jitter: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """A tripod (each fifth station: a lift) on a path round the building, facing its walls."""
-    half = np.array([0.5 * LENGTH_M, 0.5 * DEPTH_M])
-    sides = np.array([LENGTH_M, DEPTH_M, LENGTH_M, DEPTH_M])
-    along = (share % 1.0) * sides.sum()
-    side = int(np.searchsorted(np.cumsum(sides), along, side="right")) % 4
-    step = along - np.concatenate([[0.0], np.cumsum(sides)])[side]
-    corners = np.array([[-half[0], -half[1]], [half[0], -half[1]], half, [-half[0], half[1]]])
-    heading = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[side]
-    outward = np.array([heading[1], -heading[0]])
-    foot = corners[side] + step * heading
+    foot, outward = round_the_walls(share)
     height = 15.0 if index % 5 == 4 else 1.7
     position = np.array([*(foot + distance * outward), height])
     # Looking a little towards the building's middle lets neighbouring views overlap at corners.
