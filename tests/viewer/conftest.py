@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.viewer.looking import HEIGHT, WIDTH
 from workbench.formats.surface_files import read_surface, write_surface_glb, write_surface_ply
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
 from workbench.pipeline.progress import Progress
@@ -171,3 +172,13 @@ def show(browser: Any) -> Iterator[Callable[..., Tab]]:
     yield open_tab
     for context in contexts:
         context.close()
+
+
+@pytest.fixture
+def page(serve: Callable[..., str], show: Callable[..., Tab]) -> Callable[..., Tab]:
+    """A function from a folder and the rest of the address to a tab with a small picture."""
+
+    def opened(folder: Path, link: str, handler: type[Answers] = Answers) -> Tab:
+        return show(f"{serve(folder, handler)}#{link}", width=WIDTH, height=HEIGHT)
+
+    return opened

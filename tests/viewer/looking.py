@@ -11,6 +11,8 @@ from workbench.geometry.mesh import TriangleMesh, vertex_normals
 
 BACKGROUND = np.array([0xD6, 0xD5, 0xD2], np.float64)
 AMBIENT = 0.3
+# Pictures are small where they may be: a processor draws them, not a graphics card.
+WIDTH, HEIGHT = 480, 240
 
 
 @dataclass(frozen=True)
@@ -33,18 +35,9 @@ def ray_cast(mesh: TriangleMesh, view: View, width: int = 640, height: int = 480
 
     Headlight, vertex colours and normals; 2 × 2 rays for each pixel.
     """
-    eye, to = np.array(view.eye), np.array(view.to)
-    back = (eye - to) / np.linalg.norm(eye - to)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    up = np.cross(back, right)
-    scale = np.tan(np.radians(view.fov) / 2)
-    y, x = (np.mgrid[: 2 * height, : 2 * width] + 0.5) / 2
-    across = (2 * x - width) / height * scale
-    above = (height - 2 * y) / height * scale
-    ways = across[..., None] * right + above[..., None] * up - back
+    ways = pixel_rays(view, width, height, 2)
     ways = (ways / np.linalg.norm(ways, axis=-1, keepdims=True)).reshape(-1, 3)
-    distance, face, weights = _hits(mesh, eye, ways)
+    distance, face, weights = _hits(mesh, np.array(view.eye), ways)
     met = np.isfinite(distance)
     corners = mesh.triangles[face[met]]
     linear = _linear(np.asarray(mesh.vertex_attributes["color"], np.float64) / 255)
@@ -57,6 +50,20 @@ def ray_cast(mesh: TriangleMesh, view: View, width: int = 640, height: int = 480
     picture[met] = light
     pixels = picture.reshape(height, 2, width, 2, 3)
     return np.rint(255 * _encoded(_encoded_mean(pixels))).astype(np.uint8)
+
+
+def pixel_rays(view: View, width: int, height: int, side: int = 1) -> np.ndarray:
+    """Directions (h, w, 3) of rays of a view, of length 1 along its axis; side² for each pixel."""
+    eye, to = np.array(view.eye), np.array(view.to)
+    back = (eye - to) / np.linalg.norm(eye - to)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    up = np.cross(back, right)
+    scale = np.tan(np.radians(view.fov) / 2)
+    y, x = (np.mgrid[: side * height, : side * width] + 0.5) / side
+    across = (2 * x - width) / height * scale
+    above = (height - 2 * y) / height * scale
+    return across[..., None] * right + above[..., None] * up - back
 
 
 def _hits(mesh: TriangleMesh, eye: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, ...]:

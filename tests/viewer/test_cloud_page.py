@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.viewer.conftest import PLACE, Answers, Tab
-from tests.viewer.looking import View, ray_cast, similarity
+from tests.viewer.looking import HEIGHT, WIDTH, View, ray_cast, similarity
 from workbench.cloud.point_export import export_points
 from workbench.geometry.point_set import PointSet
 from workbench.pipeline.progress import Progress
@@ -19,7 +19,6 @@ from workbench.viewer.site import Site, build_site
 
 VIEW = View((1.2, -4.0, 1.1))
 FAR = View((18.0, -60.0, 16.5))
-WIDTH, HEIGHT = 480, 240
 POINTS = 150_000
 
 

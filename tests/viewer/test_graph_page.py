@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.viewer.conftest import Answers, Tab
-from tests.viewer.looking import BACKGROUND, View, ray_cast, similarity
+from tests.viewer.conftest import Tab
+from tests.viewer.looking import BACKGROUND, HEIGHT, WIDTH, View, pixel_rays, ray_cast, similarity
 from workbench.pipeline.progress import Progress
 from workbench.project.project import Project
 from workbench.viewer import site as sites
@@ -18,8 +18,6 @@ from workbench.viewer.site import Site, build_site
 from workbench.voxels.dag_file import read_voxel_graph
 from workbench.voxels.tracing import VoxelTracer
 
-# Pictures are small: a processor draws them, not a graphics card.
-WIDTH, HEIGHT = 480, 240
 VIEW = View((1.2, -4.0, 1.1))
 
 
@@ -29,16 +27,6 @@ def site(project: Project, monkeypatch: pytest.MonkeyPatch) -> Site:
     forms = tuple(form for form in sites.REPRESENTATIONS if form.mode == "graph")
     monkeypatch.setattr(sites, "REPRESENTATIONS", forms)
     return build_site(project, SiteOptions(resolution=128), Progress())
-
-
-@pytest.fixture
-def page(serve, show):
-    """A function from a folder and the rest of the address to a tab with a small picture."""
-
-    def opened(folder: Path, link: str, handler: type[Answers] = Answers) -> Tab:
-        return show(f"{serve(folder, handler)}#{link}", width=WIDTH, height=HEIGHT)
-
-    return opened
 
 
 def graph_file(site: Site) -> Path:
@@ -77,26 +65,13 @@ def met(tab: Tab) -> tuple[np.ndarray, np.ndarray]:
     return np.where(table[..., 0] == 0, np.inf, depths), sizes
 
 
-def rays(view: View) -> np.ndarray:
-    """Unit directions (h, w, 3) of a view's pixels, and the cosines to its axis."""
-    eye, to = np.array(view.eye), np.array(view.to)
-    back = (eye - to) / np.linalg.norm(eye - to)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    scale = np.tan(np.radians(view.fov) / 2) / (HEIGHT / 2)
-    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
-    up = np.cross(back, right)
-    ways = (x - WIDTH / 2)[..., None] * scale * right + (HEIGHT / 2 - y)[..., None] * scale * up
-    return ways - back
-
-
 @pytest.mark.parametrize("pixel_error", [0.5, 6.0])
 def test_rays_meet_what_they_meet_without_a_browser(site: Site, page, pixel_error: float):
     tab = page(site.folder, f"mode=graph&light=camera&{VIEW.link}")
     settled(tab, pixelError=pixel_error)
     depths, sizes = met(tab)
     told = read_voxel_graph(graph_file(site))
-    ways = rays(VIEW)
+    ways = pixel_rays(VIEW, WIDTH, HEIGHT)
     length = np.linalg.norm(ways, axis=-1, keepdims=True)
     eye = np.array(VIEW.eye) + np.array(site.scene["origin"])
     slope = max(pixel_error, 1.0) * np.tan(np.radians(VIEW.fov) / 2) / (HEIGHT / 2)

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from tests.viewer.conftest import Tab
-from tests.viewer.looking import View, ray_cast, similarity
+from tests.viewer.looking import HEIGHT, WIDTH, View, ray_cast, similarity
 from workbench.surfels.surfel_file import SurfelFile
 from workbench.surfels.surfel_size import SizeControl
 from workbench.viewer.site import Site
 
 VIEW = View((1.2, -4.0, 1.1))
-WIDTH, HEIGHT = 480, 240
 FAR = View((12.0, -40.0, 11.0))
 
 

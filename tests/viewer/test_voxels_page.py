@@ -12,7 +12,7 @@ import pytest
 import zstandard
 
 from tests.viewer.conftest import Answers, Tab
-from tests.viewer.looking import BACKGROUND, View, ray_cast, similarity
+from tests.viewer.looking import BACKGROUND, HEIGHT, WIDTH, View, pixel_rays, ray_cast, similarity
 from workbench.formats.surface_files import write_surface_ply
 from workbench.geometry.mesh import TriangleMesh
 from workbench.pipeline.progress import Progress
@@ -24,8 +24,6 @@ from workbench.viewer.representations import SiteOptions
 from workbench.viewer.site import Site, build_site
 from workbench.voxels.lod_file import LodFile
 
-# Pictures are small: a processor draws them, not a graphics card.
-WIDTH, HEIGHT = 480, 240
 VIEW = View((1.2, -4.0, 1.1))
 FAR = View((24.0, -80.0, 22.0))
 CLOSE = View((0.3, -1.35, 0.3))
@@ -43,16 +41,6 @@ def voxels_alone(monkeypatch: pytest.MonkeyPatch) -> None:
 def site(project: Project) -> Site:
     """The ball's voxels, 16 mm wide, in chunks of 32 a side."""
     return build_site(project, SiteOptions(resolution=128), Progress())
-
-
-@pytest.fixture
-def page(serve, show):
-    """A function from a folder and the rest of the address to a tab with a small picture."""
-
-    def opened(folder: Path, link: str, handler: type[Answers] = Answers) -> Tab:
-        return show(f"{serve(folder, handler)}#{link}", width=WIDTH, height=HEIGHT)
-
-    return opened
 
 
 def voxel_file(site: Site) -> Path:
@@ -259,16 +247,8 @@ def rows_seen(mesh: TriangleMesh, site: Site, view: View) -> set[int]:
     import open3d as o3d
 
     file = LodFile(voxel_file(site))
-    eye, to = np.array(view.eye), np.array(view.to)
-    back = (eye - to) / np.linalg.norm(eye - to)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    scale = np.tan(np.radians(view.fov) / 2) / (HEIGHT / 2)
-    y, x = (np.mgrid[: 2 * HEIGHT, : 2 * WIDTH] + 0.5) / 2
-    ways = (x[..., None] - WIDTH / 2) * scale * right + (
-        HEIGHT / 2 - y[..., None]
-    ) * scale * np.cross(back, right)
-    ways = (ways - back).reshape(-1, 3)
+    eye = np.array(view.eye)
+    ways = pixel_rays(view, WIDTH, HEIGHT, 2).reshape(-1, 3)
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(
         o3d.core.Tensor(mesh.vertices.astype(np.float32)),

@@ -183,7 +183,7 @@ def _scaling_plot(points: Sequence[ScalingPoint]) -> Plot:
     triangles = [point.triangles for point in points]
     series = {
         "depth meshes": (triangles, [point.depth_meshes_s for point in points]),
-        "one mesh of as many triangles": (triangles, [point.one_mesh_s for point in points]),
+        "one mesh": (triangles, [point.one_mesh_s for point in points]),
     }
     svg = line_figure(
         "texture-scaling", series, "triangles", "labelled in (s)",
