@@ -3,7 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from workbench.geometry.orientedscan import OrientationSettings, orient
+from workbench.geometry.orientedscan import (
+    OrientationSettings,
+    _consistent_with_neighbours,
+    orient,
+)
 from workbench.geometry.rangemap import RangeMap
 
 SETTINGS = OrientationSettings()
@@ -159,3 +163,17 @@ def test_taken_samples_keep_their_order() -> None:
     part = found.take(np.array([7, 3, 11]))
     assert np.array_equal(part.source, found.source[[7, 3, 11]])
     assert np.array_equal(part.points, found.points[[7, 3, 11]])
+
+
+def test_clouds_no_triangulation_of_space_takes_are_oriented_by_their_neighbours() -> None:
+    places = np.stack(np.meshgrid(np.arange(20.0), np.arange(15.0)), axis=-1).reshape(-1, 2)
+    flat = np.column_stack([places, np.full(len(places), 2.0)])
+    assert (orient(RangeMap("flat", flat), SETTINGS).normals[:, 2] > 0.99).all()
+    # Two balls apart, each with normals of either sign.
+    angle = np.pi * (1 + np.sqrt(5)) * np.arange(3000)
+    z = 1 - (2 * np.arange(3000) + 1) / 3000
+    ball = np.column_stack([np.sqrt(1 - z**2) * f(angle) for f in (np.cos, np.sin)] + [z])
+    rng = np.random.default_rng(0)
+    points, normals = np.concatenate([ball, ball + [5.0, 0.0, 0.0]]), np.tile(ball, (2, 1))
+    mixed = normals * rng.choice([-1.0, 1.0], len(normals))[:, None]
+    assert np.allclose(_consistent_with_neighbours(points, mixed), normals)

@@ -7,6 +7,7 @@ import pytest
 from scenes import RADIUS, SIGMA, Case, body_scans, errors, round_ball, scaled, simulated
 from scipy.spatial.transform import Rotation
 
+from workbench.errors import InputError
 from workbench.geometry.transforms import from_twist, inverse, rigid, rotation_angle_deg
 from workbench.registration.adjustment import Adjustment, AdjustmentSettings, adjust
 
@@ -273,3 +274,28 @@ def test_both_sides_of_a_thin_sheet_are_never_matched() -> None:
         )
         poses = tuple(result.poses[k] for k in pair)
         assert np.abs(errors(two, poses, 0)[:, 3:]).max() < 0.15 * case.spacing
+
+
+def test_a_scan_without_samples_is_told_and_leaves_the_others_alone(body: Case) -> None:
+    none = body.scans[2].take(np.zeros(0, np.int64))
+    scans = [*body.scans[:2], none, *body.scans[3:]]
+    result = adjust(scans, body.coarse, body.names, SETTINGS)
+    assert "overlap no other" in result.reason
+    assert np.array_equal(result.poses[2], body.coarse[2])
+    assert np.isfinite(result.covariance).all()
+    away = result.graph.component != result.graph.component[2]
+    assert away.sum() == 4
+    moved = errors(body, result.poses, result.anchor)[away, 3:]
+    assert np.linalg.norm(moved, axis=1).max() < 0.2 * body.spacing
+
+
+def test_numbers_that_are_none_are_refused(body: Case) -> None:
+    points = body.scans[1].points.copy()
+    points[7, 1] = np.nan
+    broken = [body.scans[0], replace(body.scans[1], points=points), *body.scans[2:]]
+    with pytest.raises(InputError, match="samples of scan_01"):
+        adjust(broken, body.coarse, body.names, SETTINGS)
+    poses = [p.copy() for p in body.coarse]
+    poses[0][0, 3] = np.inf
+    with pytest.raises(InputError, match="pose of scan_00"):
+        adjust(body.scans, poses, body.names, SETTINGS)

@@ -6,11 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    connected_components,
+    minimum_spanning_tree,
+)
 from scipy.spatial import cKDTree
 
 from workbench.geometry.neighbours import k_nearest
 from workbench.geometry.rangemap import RangeMap
 from workbench.kernels.plane_fit import grid_planes, grid_spacing
+
+_TANGENT_NEIGHBOURS = 12
 
 
 @dataclass(frozen=True)
@@ -212,5 +220,54 @@ def _consistent(points: NDArray[np.float64], normals: NDArray[np.float64]) -> ND
 
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points - points.mean(axis=0)))
     cloud.normals = o3d.utility.Vector3dVector(normals)
-    cloud.orient_normals_consistent_tangent_plane(12)
+    try:
+        cloud.orient_normals_consistent_tangent_plane(_TANGENT_NEIGHBOURS)
+    except RuntimeError:
+        # Its triangulation of space fails for samples in one plane or at one place.
+        return _consistent_with_neighbours(points, normals)
     return np.asarray(cloud.normals).copy()
+
+
+def _consistent_with_neighbours(
+    points: NDArray[np.float64], normals: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Signs carried along the tree of least turns among neighbours (Hoppe et al. 1992, 3.3).
+
+    Of every part that hangs together, the uppermost sample faces up.
+    """
+    n = len(points)
+    _, near = k_nearest(cKDTree(points), points, min(_TANGENT_NEIGHBOURS, n - 1) + 1)
+    start, end = np.repeat(np.arange(n), near.shape[1]), near.ravel()
+    turn = 1.0 - np.abs(np.einsum("ei,ei->e", normals[start], normals[end]))
+    # A weight of 0 would be no edge; two samples at one place are the nearest of neighbours.
+    kept = start != end
+    links = coo_array((np.maximum(turn[kept], 0.0) + 1e-9, (start[kept], end[kept])), shape=(n, n))
+    # An edge told from both ends is one edge of that weight, not of twice.
+    least = minimum_spanning_tree(links.tocsr().maximum(links.T.tocsr())).tocoo()
+    _, part = connected_components(least, directed=False)
+    roots = _uppermost(points[:, 2], part)
+    # One more sample, beside all roots, makes one tree of them, walked at once.
+    tree = coo_array(
+        (
+            np.ones(len(least.row) + len(roots)),
+            (np.append(least.row, roots), np.append(least.col, np.full(len(roots), n))),
+        ),
+        shape=(n + 1, n + 1),
+    )
+    parent = breadth_first_order(tree.tocsr(), n, directed=False)[1][:n].astype(np.int64)
+    parent[roots] = roots
+    sign = np.where(normals[:, 2] < 0.0, -1.0, 1.0)
+    inner = parent != np.arange(n)
+    along = np.einsum("ni,ni->n", normals[inner], normals[parent[inner]])
+    sign[inner] = np.where(along < 0.0, -1.0, 1.0)
+    # Every round doubles how far up its tree a sample has looked.
+    while (parent != parent[parent]).any():
+        sign, parent = np.where(parent == parent[parent], sign, sign * sign[parent]), parent[parent]
+    sign[inner] *= sign[parent[inner]]
+    return np.asarray(normals * sign[:, None])
+
+
+def _uppermost(heights: NDArray[np.float64], part: NDArray[np.integer]) -> NDArray[np.int64]:
+    """The highest sample of every part, the first among equals."""
+    order = np.lexsort((-heights, part))
+    return np.asarray(order[np.flatnonzero(np.diff(part[order], prepend=-1))], np.int64)

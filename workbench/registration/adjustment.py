@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from workbench.errors import InputError
 from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.robust import TUKEY, robust_sigma, tukey_weights
 from workbench.geometry.transforms import Matrix4, apply, from_twist, nearest_rigid
@@ -129,7 +130,13 @@ def adjust(
     -------
     Adjustment
         Deterministic: the same input gives the same poses.
+
+    Raises
+    ------
+    InputError
+        A sample or a pose is not finite.
     """
+    _check(scans, coarse_poses, names)
     poses = list(coarse_poses)
     matcher = Matcher(scans, min(settings.samples_per_scan, 1500))
     spacing = float(np.median(np.concatenate([scan.spacing_m for scan in scans])))
@@ -205,9 +212,7 @@ class _System:
         leeway_m: float = 0.0,
     ) -> None:
         self._anchor, self._radius = anchor, radius
-        self._centres = np.array(
-            [apply(p, s.points.mean(axis=0)) for s, p in zip(scans, poses, strict=True)]
-        )
+        self._centres = np.array([apply(p, _middle(s)) for s, p in zip(scans, poses, strict=True)])
         n = len(scans)
         residuals = [match.plane_residuals() for match in matches]
         pooled = np.concatenate(residuals) if residuals else np.zeros(0)
@@ -345,6 +350,28 @@ def _match_all(
         for i, j in graph.pairs
         for source, target in ((i, j), (j, i))
     ]
+
+
+def _check(scans: Sequence[OrientedScan], poses: Sequence[Matrix4], names: Sequence[str]) -> None:
+    """Raise for numbers from which no pose can come."""
+    for scan, pose, name in zip(scans, poses, names, strict=True):
+        wrong = {
+            "samples": not (np.isfinite(scan.points).all() and np.isfinite(scan.normals).all()),
+            "pose": not np.isfinite(pose).all(),
+        }
+        for what, found in wrong.items():
+            if found:
+                raise InputError(
+                    f"the {what} of {name} cannot be adjusted",
+                    expected="finite numbers",
+                    found="NaN or an infinite number",
+                    fix="leave such samples out, or give the scan another pose",
+                )
+
+
+def _middle(scan: OrientedScan) -> NDArray[np.float64]:
+    """(3,) mean of the samples; of none, the scan's own origin."""
+    return np.asarray(scan.points.mean(axis=0)) if len(scan) else np.zeros(3)
 
 
 def _residuals(matches: Sequence[Matches]) -> NDArray[np.float64]:
