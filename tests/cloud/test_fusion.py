@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from workbench.cloud.fusion import joined, merged, placed_samples
+from workbench.errors import InputError
 from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.transforms import apply, from_twist, inverse, rotate
 
@@ -163,3 +166,21 @@ def test_nothing_merges_to_nothing() -> None:
     assert len(found) == 0
     assert found.points.shape == (0, 3)
     assert "color" not in found.arrays()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("confidence", 0.0), ("confidence", np.nan), ("points", np.inf), ("normals", np.nan)],
+)
+def test_samples_of_which_there_is_no_mean_are_refused(name, value) -> None:
+    samples = placed_samples(random_scan(50, 1), np.eye(4), None, 0)
+    values = getattr(samples, name).copy()
+    values[7] = value
+    with pytest.raises(InputError, match="sample 7"):
+        merged(replace(samples, **{name: values}), CELL)
+
+
+def test_cells_too_many_to_be_numbered_are_refused() -> None:
+    samples = placed_samples(random_scan(50, 1), np.eye(4), None, 0)
+    with pytest.raises(InputError, match="larger cells"):
+        merged(samples, 1e-300)

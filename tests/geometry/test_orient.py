@@ -174,6 +174,7 @@ def test_clouds_no_triangulation_of_space_takes_are_oriented_by_their_neighbours
     z = 1 - (2 * np.arange(3000) + 1) / 3000
     ball = np.column_stack([np.sqrt(1 - z**2) * f(angle) for f in (np.cos, np.sin)] + [z])
     rng = np.random.default_rng(0)
-    points, normals = np.concatenate([ball, ball + [5.0, 0.0, 0.0]]), np.tile(ball, (2, 1))
+    beside = np.array([5.0, 0.0, 0.0])
+    points, normals = np.concatenate([ball, ball + beside]), np.tile(ball, (2, 1))
     mixed = normals * rng.choice([-1.0, 1.0], len(normals))[:, None]
     assert np.allclose(_consistent_with_neighbours(points, mixed), normals)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bodies import divided_box, sphere_samples, without
@@ -85,3 +87,9 @@ def test_the_two_sides_of_a_thin_wall_are_not_mixed(offset: float) -> None:
     top, bottom = inside & (wall.vertices[:, 2] == 1), inside & (wall.vertices[:, 2] == 0)
     assert np.abs(moved[top, 2] - offset).max() < 1e-6
     assert np.abs(moved[bottom, 2] - offset + thick).max() < 1e-6
+
+
+def test_samples_that_reach_nowhere_move_nothing() -> None:
+    mesh = rough_sphere(0.4 * SPACING)
+    nowhere = replace(SAMPLES, radius_m=np.zeros(len(SAMPLES)))
+    assert np.array_equal(moved_onto_samples(mesh, nowhere, 2).vertices, mesh.vertices)

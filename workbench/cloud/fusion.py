@@ -7,12 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.errors import InputError
 from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.samples import Samples
 from workbench.geometry.transforms import Matrix4, apply, rotate
 
 # Floors and walls like to lie at round numbers; no face between cells does.
 _GRID_SHIFT = np.array([0.382, 0.618, 0.236])
+# Farther off, the number of a cell is no whole number of 64 bits.
+_MOST_CELLS = 2.0**62
 
 
 def placed_samples(
@@ -51,9 +54,16 @@ def merged(samples: Samples, cell_m: float) -> Samples:
     Returns
     -------
     Samples in the order of their cells, whatever the order within the cells was.
+
+    Raises
+    ------
+    InputError
+        Places that are not finite or too far off to be in a cell; normals or confidences that
+        are not finite, or confidences that are not above 0.
     """
     if cell_m <= 0.0 or not len(samples):
         return samples
+    _check(samples, cell_m)
     group = _groups(samples.points, samples.normals, cell_m)
     weight = samples.confidence
     order = np.argsort(group, kind="stable")
@@ -85,6 +95,25 @@ def joined(parts: Sequence[Samples]) -> Samples:
     held = [part for part in parts if len(part)] or list(parts[:1])
     names = [n for n in held[0].arrays() if all(getattr(p, n) is not None for p in held)]
     return Samples(**{n: np.concatenate([getattr(part, n) for part in held]) for n in names})
+
+
+def _check(samples: Samples, cell_m: float) -> None:
+    """Raise for samples of which there is no mean."""
+    # NaN is in no order with anything, so these say no to it, too.
+    sound = (np.abs(samples.points) < _MOST_CELLS * cell_m).all(axis=1)
+    sound &= np.isfinite(samples.normals).all(axis=1)
+    sound &= (samples.confidence > 0.0) & (samples.confidence < np.inf)
+    if not sound.all():
+        row = int(np.argmin(sound))
+        raise InputError(
+            "samples cannot be merged",
+            where=f"sample {row}",
+            expected="finite places and normals, a confidence above 0, and cells that can be "
+            "numbered",
+            found=f"{int((~sound).sum())} without: at {samples.points[row]}, "
+            f"confidence {samples.confidence[row]}",
+            fix="leave such samples out, or merge in larger cells",
+        )
 
 
 def _groups(

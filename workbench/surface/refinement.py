@@ -68,7 +68,9 @@ def _projected(
     width = _WIDTH * np.median(reach, axis=1, keepdims=True)
     facing = np.clip(np.einsum("vi,vki->vk", normals, samples.normals[index]), 0.0, 1.0)
     # Relative to the closest sample, so that the weights do not all underflow far away.
-    decay = np.exp(-(distance**2 - distance[:, :1] ** 2) / width**2)
+    farther = distance**2 - distance[:, :1] ** 2
+    # Samples that reach nowhere move nothing; only a width is needed that can be divided by.
+    decay = np.exp(-farther / np.where(width > 0.0, width, 1.0) ** 2)
     weight = decay * facing**2 * samples.confidence[index]
     total = weight.sum(axis=1)
     held = total > 0.0
@@ -79,7 +81,8 @@ def _projected(
     direction = np.einsum("vk,vki->vi", weight, samples.normals[index])
     length = np.linalg.norm(direction, axis=1)
     direction /= np.where(length > 0.0, length, 1.0)[:, None]
-    fade = np.clip(2.0 - 2.0 * distance[:, 0] / reach[:, 0], 0.0, 1.0)
+    within = np.where(reach[:, 0] > 0.0, reach[:, 0], np.inf)
+    fade = np.clip(2.0 - 2.0 * distance[:, 0] / within, 0.0, 1.0) * (reach[:, 0] > 0.0)
     motion = np.clip(signed, -reach[:, 0], reach[:, 0]) * fade * held
     moved: NDArray[np.float64] = vertices - motion[:, None] * direction
     return moved
