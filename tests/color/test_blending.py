@@ -128,6 +128,16 @@ def test_what_cannot_be_blended_is_refused(color, weight):
         Colored(np.array([0]), np.full((1, 3), color), np.array([weight]))
 
 
+def test_a_photograph_without_weight_adds_nothing():
+    index = np.arange(4)
+    none = Colored(index, np.full((4, 3), 0.9), np.zeros(4))
+    some = Colored(index[:2], np.full((2, 3), 0.2), np.ones(2))
+    found = blended([none, some], 4)
+    np.testing.assert_allclose(found.colors[:2], 0.2, rtol=1e-12)
+    assert np.isnan(found.colors[2:]).all()
+    assert found.weights.tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
 def test_highlights_in_some_photographs_are_outvoted():
     rng = np.random.default_rng(1)
     coarse, spoilt = ball(4), []

@@ -143,7 +143,9 @@ def blended(
 
 def _doubted(photo: Colored, middle: NDArray[np.float64], sigma: float) -> Colored:
     """The photograph, less of it where it differs from the middle (n,) of all."""
-    away = (photo.levels - middle[photo.index]) / (_DOUBTFUL_SIGMAS * sigma)
+    # Where no photograph has weight there is no middle, and nothing to doubt.
+    between = np.where(photo.weights > 0.0, middle[photo.index], photo.levels)
+    away = (photo.levels - between) / (_DOUBTFUL_SIGMAS * sigma)
     return Colored(photo.index, photo.colors, photo.weights / (1.0 + away**2) ** 2)
 
 
