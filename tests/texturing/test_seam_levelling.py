@@ -214,3 +214,13 @@ def test_color_step_by_hand():
     assert found.percentile_95 == pytest.approx(6)
     assert found.length == 4.0
     assert color_step(colors[:0], np.zeros(0)).mean == 0.0
+
+
+def test_the_residual_is_that_of_the_equations():
+    labels = (x_of(SHEET) > -1 / 3).astype(int)
+    labelled, patches, seams = case(labels)
+    colors = np.random.default_rng(0).uniform(0, 255, (seams.count, 2, 5, 3)).astype(np.float32)
+    found = levelled(labelled, patches, seams, colors, SHARES)
+    assert 0.0 < found.residual < 1e-10
+    even = levelled(labelled, patches, seams, np.full_like(colors, 90.0), SHARES)
+    assert even.residual == 0.0

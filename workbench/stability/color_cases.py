@@ -26,7 +26,7 @@ _COLORS = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def square_graph(n: int, conductance_of: Callable[[int], NDArray[np.float64]]) -> SampleGraph:
-    """n × n samples row by row; ``conductance_of`` is told the number of edges."""
+    """Samples in a square of n × n, row by row; ``conductance_of`` is told the number of edges."""
     number = np.arange(n * n, dtype=np.int32).reshape(n, n)
     pairs = ((number[:, :-1], number[:, 1:]), (number[:-1], number[1:]))
     edges = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
@@ -184,7 +184,7 @@ _LIGHT = FlashLight(np.array([-0.13, -0.03, 0.01]), epsilon=0.0)
 def _at_angle(degrees: float, distance: float = 1.0) -> tuple[NDArray[np.float64], ...]:
     """Place and normal (1, 3) with that incidence, the flash ``distance`` away along z."""
     angle = np.radians(degrees)
-    place = _LIGHT.position_in_camera + [0.0, 0.0, distance]
+    place = _LIGHT.position_in_camera + np.array([0.0, 0.0, distance])
     # The cosine by the sine of what is left of a right angle keeps its digits near it.
     normal = [np.cos(angle), 0.0, -np.sin(np.pi / 2 - angle)]
     return place[None], np.array([normal])
@@ -233,7 +233,7 @@ def _observations(value: float, weight: float = 1.0, photos: int = 6) -> FlashOb
     rng = np.random.default_rng(0)
     samples = 200
     sample, photo = (v.ravel() for v in np.meshgrid(np.arange(samples), np.arange(photos)))
-    places = rng.uniform(-0.4, 0.4, (len(sample), 3)) + [0.0, 0.0, 1.5]
+    places = rng.uniform([-0.4, -0.4, 1.1], [0.4, 0.4, 1.9], (len(sample), 3))
     normals = np.tile([0.0, 0.0, -1.0], (len(sample), 1))
     return FlashObservations(
         sample, photo, places, normals, np.full(len(sample), value), np.full(len(sample), weight)
@@ -329,7 +329,7 @@ COLOR_CASES = (
     _case("at the flash", _FLASH, "A sample at the flash itself, at no distance in no direction.",
           _at_flash, _NONE),
     _case("1e-6 m away", _FLASH, "A sample a micrometre before the flash.",
-          partial(_inverse_square, 1e-6), Bound(1e-9, "", "digits of a micrometre beside a centimetre")),
+          partial(_inverse_square, 1e-6), Bound(1e-9, "", "digits of 1e-6 m beside a centimetre")),
     _case("1e5 m away", _FLASH, "A sample a hundred kilometres away.",
           partial(_inverse_square, 1e5), _EXACT),
     _case("black and full", _FLASH, "Values at and beyond both ends of the sensor.",

@@ -44,6 +44,7 @@ class Levelling:
     skewed_share : of that area, moved by more than 10 of 255 in some channel.
     shifts : photograph → mean shift by channel over what it textures.
     unknowns : of the least squares.
+    residual : of their equations, as share of the right-hand side, the most of any channel.
     """
 
     offsets: NDArray[np.float32]
@@ -53,6 +54,7 @@ class Levelling:
     skewed_share: float
     shifts: dict[int, tuple[float, float, float]]
     unknowns: int
+    residual: float
 
 
 def levelled(
@@ -101,11 +103,11 @@ def levelled(
     shown = float(mass[~bare].sum())
     held = diags_array(anchor * stiffness * mass / (shown if shown > 0.0 else 1.0))
     matrix, wanted = system.equations(seams.where(between), colors[between], shares)
-    _solve(csr_array(matrix + held), wanted, ~bare, points, offsets)
+    residual = _solve(csr_array(matrix + held), wanted, ~bare, points, offsets)
     if bare.any():
         matrix, wanted = system.equations(seams.where(~between), colors[~between], shares)
-        _solve(matrix, wanted, bare, points, offsets)
-    return _told(offsets, unknown, corner_labels, areas)
+        residual = max(residual, _solve(matrix, wanted, bare, points, offsets))
+    return _told(offsets, unknown, corner_labels, areas, residual)
 
 
 class _System:
@@ -153,11 +155,14 @@ def _solve(
     free: NDArray[np.bool_],
     points: NDArray[np.float64],
     offsets: NDArray[np.float64],
-) -> None:
-    """Fill in the free rows of ``offsets`` (u, 3), which are at ``points``, the others given."""
+) -> float:
+    """Fill in the free rows of ``offsets`` (u, 3), which are at ``points``, the others given.
+
+    Returns the residual relative to the right-hand side.
+    """
     which = np.flatnonzero(free)
     if not len(which):
-        return
+        return 0.0
     which = which[dissected(csr_array(matrix[which][:, which]), points[which])]
     rows = matrix[which]
     inner = csc_array(rows[:, which])
@@ -169,6 +174,9 @@ def _solve(
             held, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
         offsets[which] = factors.solve(right)
+    size = np.linalg.norm(right, axis=0)
+    left = np.linalg.norm(right - inner @ offsets[which], axis=0)
+    return float((left / np.where(size > 0.0, size, 1.0)).max())
 
 
 def _told(
@@ -176,6 +184,7 @@ def _told(
     unknown: NDArray[np.int64],
     labels: NDArray[np.int64],
     areas: NDArray[np.float64],
+    residual: float,
 ) -> Levelling:
     by_corner = offsets[unknown].astype(np.float32)
     shown = labels != NO_PHOTO
@@ -199,6 +208,7 @@ def _told(
         float(share @ (np.abs(means) > 10.0).any(axis=1)),
         shifts,
         len(offsets),
+        residual,
     )
 
 
