@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from workbench.kernels.lens_distortion import distorted_points, undistorted_points
 from workbench.synthetic.lens import Lens
 from workbench.synthetic.photo_options import PhotoOptions
 
@@ -83,3 +84,14 @@ def test_vignetting_is_the_cosine_law_and_the_barrel(lens_of: LensOf) -> None:
     )
     assert dark.vignetting(0, 1)[0, 0] == pytest.approx(0.7, abs=1e-3)
     np.testing.assert_array_equal(dark.vignetting(100, 5), dark.vignetting(0, 200)[100:105])
+
+
+def test_pixels_that_no_ray_reaches_have_none() -> None:
+    # r (1 − 0.4 r²) is at most 0.609, at r = 0.913; the same places come from beyond it, too.
+    coefficients = np.array([-0.4, 0.0, 0.0, 0.0])
+    inner = np.linspace(0.0, 0.9, 50)
+    ideal = np.stack([inner, np.zeros(50)], axis=1)
+    back = undistorted_points(distorted_points(ideal, coefficients), coefficients)
+    assert np.abs(back - ideal).max() < 1e-9
+    beyond = np.array([[0.62, 0.0], [0.5, 0.6], [-3.0, 2.0], [np.nan, 0.1], [np.inf, 0.0]])
+    assert np.isnan(undistorted_points(beyond, coefficients)).all()

@@ -28,7 +28,11 @@ def distorted_point(
 def undistorted_point(
     u: float, v: float, k1: float, k2: float, p1: float, p2: float
 ) -> tuple[float, float]:
-    """The ideal point that is imaged at (u, v), by Newton's method from (u, v) itself."""
+    """The ideal point that is imaged at (u, v), by Newton's method from (u, v) itself.
+
+    NaN where there is none, or none on this side of the circle at which the lens folds the
+    image plane over.
+    """
     x, y = u, v
     for _ in range(_NEWTON_STEPS):
         r2 = x * x + y * y
@@ -46,8 +50,10 @@ def undistorted_point(
         y -= dy
         # Convergence is quadratic: what is left is of the order of this step squared.
         if math.fabs(dx) + math.fabs(dy) < 1e-9:
+            if det > 0.0 and xx > 0.0:
+                return x, y
             break
-    return x, y
+    return math.nan, math.nan
 
 
 @njit(cache=True, nogil=True)

@@ -341,7 +341,7 @@ COLOR_CASES = (
     _case("one photograph", "estimate of the flash", "Nothing tells flash from colours.",
           _one_photograph, refusal="one photograph alone"),
     _case("a wall from one place", "estimate of the flash", "All photographs are the same.",
-          _wall_from_one_place, refusal=""),
+          _wall_from_one_place, refusal="do not tell"),
     _case("no weight", "blending of photographs", "Weights of 0 and of 1e-300.", _no_weight,
           Bound(1e-12, "", "rounding; no sample without weight may have a colour")),
 )  # fmt: skip

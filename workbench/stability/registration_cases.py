@@ -265,7 +265,8 @@ REGISTRATION_CASES = (
     _case("empty scan", "One of the scans has no samples left.", _empty_scan,
           refusal="overlap no other"),
     _case("lost ball", "A ball without poses: nothing tells its sides apart.", _placed_ball,
-          refusal="", method="placement by shape"),
-    _case("lost plane", "A plane without poses.", _placed_plane, refusal="",
+        refusal="can slide or turn", method="placement by shape"),
+    _case("lost plane", "A plane without poses.", _placed_plane,
+        refusal="no shape in common",
           method="placement by shape"),
 )  # fmt: skip
