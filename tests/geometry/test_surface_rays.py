@@ -48,3 +48,19 @@ def test_a_camera_sees_its_pixels_row_by_row():
 def test_an_empty_surface_is_refused():
     with pytest.raises(InputError, match="triangles"):
         SurfaceRays(TriangleMesh(np.zeros((3, 3)), np.zeros((0, 3), np.int32)))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+def test_surfaces_out_of_range_are_refused(value):
+    mesh = wall(np.zeros(3))
+    mesh.vertices[2, 0] = value
+    with pytest.raises(InputError, match="no rays"):
+        SurfaceRays(mesh)
+
+
+def test_nothing_is_nearest_to_what_is_no_place():
+    asked = np.array([[0.25, -0.5, 1.7], [np.nan, 0, 0], [0, np.inf, 0]])
+    near = SurfaceRays(wall(np.zeros(3))).nearest(asked)
+    assert near.found.tolist() == [True, False, False]
+    assert np.isnan(near.points[1:]).all()
+    assert np.isnan(near.normals[1:]).all()

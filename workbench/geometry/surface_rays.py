@@ -13,6 +13,7 @@ from workbench.geometry.photo_camera import PhotoCamera
 
 NO_TRIANGLE = -1
 _ROWS_AT_ONCE = 256
+_LARGEST = 1e18
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class SurfaceRays:
 
     Raises
     ------
-    InputError : the mesh has no triangles.
+    InputError : the mesh has no triangles, vertices that are not finite, or is so large that
+        squares of lengths leave single precision.
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
@@ -55,6 +57,15 @@ class SurfaceRays:
 
         if not len(mesh.triangles):
             raise InputError("the surface has no triangles", fix="check the file it came from")
+        largest = float(np.abs(mesh.vertices).max())
+        if not largest < _LARGEST:
+            wrong = int((~np.isfinite(mesh.vertices)).any(axis=1).sum())
+            raise InputError(
+                "no rays can be cast at the surface",
+                expected=f"finite vertices, within {_LARGEST:g} of the origin",
+                found=f"{wrong} that are not finite" if wrong else f"coordinates up to {largest:g}",
+                fix="repair the mesh, or give it in a larger unit",
+            )
         self.mesh = mesh
         self.middle = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
         self._scene = o3d.t.geometry.RaycastingScene()
@@ -64,16 +75,19 @@ class SurfaceRays:
         )
 
     def nearest(self, points: NDArray[np.float64]) -> SurfacePlaces:
-        """The place of the surface nearest to each point (n, 3)."""
+        """The place of the surface nearest to each point (n, 3); none to one that is not finite."""
         import open3d as o3d
 
         asked = o3d.core.Tensor.from_numpy((points - self.middle).astype(np.float32))
         answer = self._scene.compute_closest_points(asked)
-        return SurfacePlaces(
-            answer["points"].numpy().astype(np.float64) + self.middle,
-            _unit(answer["primitive_normals"].numpy()),
-            answer["primitive_ids"].numpy().astype(np.int64),
-        )
+        places = answer["points"].numpy().astype(np.float64) + self.middle
+        normals = _unit(answer["primitive_normals"].numpy())
+        triangles = answer["primitive_ids"].numpy().astype(np.int64)
+        # Embree finds none where squared distances leave its range, and leaves what was there.
+        nowhere = triangles >= len(self.mesh.triangles)
+        places[nowhere] = normals[nowhere] = np.nan
+        triangles[nowhere] = NO_TRIANGLE
+        return SurfacePlaces(places, normals, triangles)
 
     def first_met(
         self, origin: NDArray[np.float64], directions: NDArray[np.float64]
