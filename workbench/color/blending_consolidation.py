@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from workbench.geometry.neighbours import nearest
+from workbench.geometry.neighbours import nearest, tree_of
 
 
 def consolidated(
@@ -35,7 +34,7 @@ def consolidated(
     sums = np.where(weights[:, None] > 0.0, weights[:, None] * colors, 0.0)
     told = finer_weights > 0.0
     if len(points) and told.any():
-        _, owner = nearest(cKDTree(points), finer_points[told])
+        _, owner = nearest(tree_of(points), finer_points[told])
         say = finer_weights[told]
         total += np.bincount(owner, say, len(points))
         for k in range(3):

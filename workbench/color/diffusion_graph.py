@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from workbench.geometry.neighbours import k_nearest
+from workbench.geometry.neighbours import k_nearest, tree_of
 
 CREASE_RAD = float(np.radians(20.0))
 LEAST_CONDUCTANCE = 1e-8
@@ -82,7 +82,7 @@ def edges_of_cloud(
     k = min(k, count - 1)
     if k < 1:
         return np.zeros((0, 2), np.int32)
-    tree = cKDTree(points)
+    tree = tree_of(points)
     if around is None:
         return _once(_to_nearest(tree, points, np.arange(count), k), count)
     first = _to_nearest(tree, points, np.flatnonzero(around), k)

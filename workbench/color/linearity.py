@@ -67,6 +67,10 @@ def fitted_linearity(
     distances, levels = np.array(list(frames.values()), float).T
     if not ((distances > 0).all() and (levels > 0).all()):
         return NotChecked("a distance or a level is zero")
+    with np.errstate(over="ignore", under="ignore"):
+        strengths = levels * distances**2
+    if not ((strengths > 0) & (strengths < np.inf) & (distances < np.inf)).all():
+        return NotChecked("a distance or a level is no number that can be")
     if distances.max() < _LEAST_RATIO * distances.min():
         return NotChecked("the frames are all at about the same distance")
     if not metric:

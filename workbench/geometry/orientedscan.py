@@ -12,9 +12,9 @@ from scipy.sparse.csgraph import (
     connected_components,
     minimum_spanning_tree,
 )
-from scipy.spatial import cKDTree
 
-from workbench.geometry.neighbours import k_nearest
+from workbench.errors import InputError
+from workbench.geometry.neighbours import k_nearest, tree_of
 from workbench.geometry.rangemap import RangeMap
 from workbench.kernels.plane_fit import grid_planes, grid_spacing
 
@@ -56,6 +56,18 @@ class OrientedScan:
         return OrientedScan(
             **{name: getattr(self, name)[index] for name in self.__dataclass_fields__}
         )
+
+    def check(self, name: str) -> None:
+        """Raise `InputError` unless all places and normals are finite; ``name`` is the scan's."""
+        sound = np.isfinite(self.points).all(axis=1) & np.isfinite(self.normals).all(axis=1)
+        if not sound.all():
+            raise InputError(
+                f"the samples of {name} cannot be registered",
+                where=f"sample {int(np.argmin(sound))}",
+                expected="finite places and normals",
+                found=f"{int((~sound).sum())} without",
+                fix="leave such samples out",
+            )
 
     def thinned(self, most: int) -> OrientedScan:
         """At most ``most`` samples, an even choice that is the same each time.
@@ -171,7 +183,7 @@ def _orient_cloud(scan: RangeMap, settings: OrientationSettings) -> OrientedScan
         return OrientedScan(
             points[none], points[none], *(np.zeros(0),) * 4, np.zeros(0, bool), none
         )
-    distance, neighbour = k_nearest(cKDTree(points), points, k + 1)
+    distance, neighbour = k_nearest(tree_of(points), points, k + 1)
     offsets = points[neighbour] - points[:, None]
     centred = offsets - offsets.mean(axis=1, keepdims=True)
     covariance = np.einsum("nki,nkj->nij", centred, centred) / (k + 1)
@@ -236,7 +248,7 @@ def _consistent_with_neighbours(
     Of every part that hangs together, the uppermost sample faces up.
     """
     n = len(points)
-    _, near = k_nearest(cKDTree(points), points, min(_TANGENT_NEIGHBOURS, n - 1) + 1)
+    _, near = k_nearest(tree_of(points), points, min(_TANGENT_NEIGHBOURS, n - 1) + 1)
     start, end = np.repeat(np.arange(n), near.shape[1]), near.ravel()
     turn = 1.0 - np.abs(np.einsum("ei,ei->e", normals[start], normals[end]))
     # A weight of 0 would be no edge; two samples at one place are the nearest of neighbours.

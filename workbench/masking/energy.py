@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.errors import InputError
+
 # Half of the eight neighbours: right, down, and both diagonals.
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 # Part of the smoothness that even the strongest edge keeps.
@@ -33,7 +35,12 @@ def cut_by_evidence(
     Returns
     -------
     (h, w) bool, foreground.
+
+    Raises
+    ------
+    InputError : evidence or smoothness that is not finite, or smoothness below 0.
     """
+    check_evidence(evidence, smoothness)
     import maxflow  # type: ignore[import-untyped]
 
     lab = cv2.cvtColor(image.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
@@ -49,6 +56,18 @@ def cut_by_evidence(
     graph.add_grid_tedges(nodes, np.maximum(-evidence, 0), np.maximum(evidence, 0))
     graph.maxflow()
     return np.asarray(graph.get_grid_segments(nodes))
+
+
+def check_evidence(evidence: NDArray[np.floating], smoothness: float) -> None:
+    """Raise for costs among which no labelling is the least: NaN spoils a cut everywhere."""
+    wrong = int((~np.isfinite(evidence)).sum())
+    if wrong or not 0.0 <= smoothness < np.inf:
+        raise InputError(
+            "evidence cannot be cut by",
+            expected="finite log-odds, and a smoothness from 0 on",
+            found=f"{wrong} log-odds that are not finite, a smoothness of {smoothness}",
+            fix="give what is not known the evidence 0, and what is certain a large one",
+        )
 
 
 def _edge_weights(lab: NDArray[np.float32], smoothness: float) -> list[NDArray[np.float64]]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry.rangemap import RangeMap
+from workbench.masking.energy import check_evidence
 from workbench.masking.grid_surface import (
     HALF_NEIGHBOURS,
     GridSurface,
@@ -48,8 +49,9 @@ def surface_cut(
 
     Raises
     ------
-    InputError : the scan has no grid.
+    InputError : the scan has no grid, or evidence or smoothness is no number to cut by.
     """
+    check_evidence(evidence, smoothness)
     grid = grid_of(scan)
     kept = np.zeros(len(scan), bool)
     for top in range(0, grid.shape[0], _TILE):

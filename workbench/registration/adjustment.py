@@ -355,18 +355,13 @@ def _match_all(
 def _check(scans: Sequence[OrientedScan], poses: Sequence[Matrix4], names: Sequence[str]) -> None:
     """Raise for numbers from which no pose can come."""
     for scan, pose, name in zip(scans, poses, names, strict=True):
-        wrong = {
-            "samples": not (np.isfinite(scan.points).all() and np.isfinite(scan.normals).all()),
-            "pose": not np.isfinite(pose).all(),
-        }
-        for what, found in wrong.items():
-            if found:
-                raise InputError(
-                    f"the {what} of {name} cannot be adjusted",
-                    expected="finite numbers",
-                    found="NaN or an infinite number",
-                    fix="leave such samples out, or give the scan another pose",
-                )
+        scan.check(name)
+        if not np.isfinite(pose).all():
+            raise InputError(
+                f"the pose of {name} cannot be refined",
+                expected="finite numbers",
+                fix="give the scan another pose, or none",
+            )
 
 
 def _middle(scan: OrientedScan) -> NDArray[np.float64]:

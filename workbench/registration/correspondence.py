@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
-from workbench.geometry.neighbours import nearest
+from workbench.geometry.neighbours import nearest, tree_of
 from workbench.geometry.orientedscan import OrientedScan
 from workbench.geometry.transforms import Matrix4, apply, inverse, rotate
 
@@ -75,7 +74,7 @@ class Matcher:
     def __init__(self, scans: Sequence[OrientedScan], samples_per_scan: int) -> None:
         self.scans = scans
         # Trees stay in the scan's frame, so moving a scan costs nothing.
-        self._trees = [cKDTree(scan.points) for scan in scans]
+        self._trees = [tree_of(scan.points) for scan in scans]
         self._asking = [_evenly(len(scan), samples_per_scan) for scan in scans]
 
     def with_samples(self, samples_per_scan: int) -> Matcher:

@@ -17,6 +17,7 @@ from workbench.geometry.orientedscan import OrientedScan
 # Radius of a histogram over the distance of keypoints (Open3D's tutorial: 5).
 _RADIUS_FACTOR = 6.0
 _NEIGHBOURS = 150
+_MOST_CELLS = 2.0**62
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,9 @@ def thinned(scan: OrientedScan, cell_m: float) -> tuple[NDArray[np.float64], NDA
     cell = np.floor((scan.points - low) / cell_m).astype(np.int64)
     shape = cell.max(axis=0) + 1
     key = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    if float(np.prod(shape.astype(float))) > _MOST_CELLS:
+        # One sample far away makes more cells than can be numbered; those in use never are.
+        key = np.unique(cell, axis=0, return_inverse=True)[1].ravel()
     _, owner, count = np.unique(key, return_inverse=True, return_counts=True)
     points = np.stack([np.bincount(owner, scan.points[:, a] - low[a]) for a in range(3)], axis=1)
     normals = np.stack([np.bincount(owner, scan.normals[:, a]) for a in range(3)], axis=1)

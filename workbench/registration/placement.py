@@ -143,7 +143,14 @@ def place(
     -------
     Placement
         Deterministic, and the same whatever order the scans are given in.
+
+    Raises
+    ------
+    InputError
+        A sample is not finite.
     """
+    for scan, name in zip(scans, names, strict=True):
+        scan.check(name)
     order = sorted(range(len(scans)), key=lambda k: names[k])
     given = [known[k] if known is not None else None for k in order]
     sorted_scans = [scans[k] for k in order]

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
-from workbench.geometry.neighbours import k_nearest
+from workbench.geometry.neighbours import k_nearest, tree_of
 from workbench.geometry.samples import Samples
 from workbench.kernels.mesh_pieces import pieces_of
 
@@ -51,7 +50,7 @@ def support_of(
     the vertex near its tangent plane. The back of a thin wall, the wall of a crevice and the
     web that closes a gap are close to samples and yet not measured by them.
     """
-    tree = cKDTree(samples.points)
+    tree = tree_of(samples.points)
     k = min(_NEIGHBOURS, len(samples))
     distance, index = k_nearest(tree, vertices, k)
     within = distance <= reach_factor * samples.radius_m[index]

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh, vertex_normals
-from workbench.geometry.neighbours import k_nearest
+from workbench.geometry.neighbours import k_nearest, tree_of
 from workbench.geometry.samples import Samples
 
 _NEIGHBOURS = 8
@@ -39,8 +40,20 @@ def moved_onto_samples(mesh: TriangleMesh, samples: Samples, rounds: int) -> Tri
     -------
     The same triangles over moved vertices; no vertex moves further than its closest
     sample's reach in a round.
+
+    Raises
+    ------
+    InputError
+        Samples with a place, normal, reach or confidence that is not finite.
     """
-    tree = cKDTree(samples.points)
+    for name, values in samples.arrays().items():
+        if not np.isfinite(values).all():
+            raise InputError(
+                f"a surface cannot be moved onto samples without {name}",
+                found=f"{int((~np.isfinite(values)).sum())} numbers that are not finite",
+                fix="leave such samples out",
+            )
+    tree = tree_of(samples.points)
     k = min(_NEIGHBOURS, len(samples))
     for _ in range(rounds):
         normals = vertex_normals(mesh)

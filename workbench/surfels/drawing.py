@@ -58,7 +58,8 @@ def disc_view(
     Raises
     ------
     InputError
-        Surfels without normals, or a camera with another lens.
+        Surfels without normals, radii that are negative or not finite, or a camera with
+        another lens.
     """
     discs = _discs(surfels, radius, camera)
     shape = (camera.height, camera.width)
@@ -75,6 +76,15 @@ def _discs(
     centers = apply(camera.camera_from_world, surfels.points)
     normals = _normals(surfels).astype(np.float64) @ camera.camera_from_world[:3, :3].T
     radii = np.broadcast_to(np.asarray(radius, np.float64), (len(surfels),)).copy()
+    sound = (radii >= 0.0) & (radii < np.inf)
+    if not sound.all():
+        raise InputError(
+            "Discs of such radii cannot be drawn.",
+            where=f"surfel {int(np.argmin(sound))}",
+            expected="finite radii from 0 on",
+            found=f"{int((~sound).sum())} of {len(sound)} that are not",
+            fix="Give a radius to each, or one for all.",
+        )
     return np.ascontiguousarray(centers), np.ascontiguousarray(normals), radii
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from workbench.geometry.neighbours import k_nearest
+from workbench.geometry.neighbours import k_nearest, tree_of
 
 _NEIGHBOURS = 12
 _AT_ONCE = 1 << 17
@@ -40,7 +39,7 @@ def estimated_normals(points: NDArray[np.float64]) -> NDArray[np.float32]:
     if len(points) < 3:
         return np.tile(np.array([0.0, 0.0, 1.0], np.float32), (len(points), 1))
     centered = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
-    tree = cKDTree(centered)
+    tree = tree_of(centered)
     normals = np.empty((len(points), 3), np.float32)
     for first in range(0, len(points), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)

@@ -103,10 +103,21 @@ def levelling(
     epsilon : neighbours whose depths differ by more do not hang together, metres.
     seam : (h, w, 3) how the photographs differ at borders, as in `Textured`; without, neighbours
         tell it.
+
+    Raises
+    ------
+    InputError : a colour is not finite where something is.
     """
     settings = settings or LevellingSettings()
     full = np.zeros(color.shape, np.float32)
     seen = np.isfinite(depth)
+    if not np.isfinite(color[seen]).all():
+        # One would spread over all that hangs together with it.
+        raise InputError(
+            "a picture with colours that are not finite cannot be levelled",
+            found=f"{int((~np.isfinite(color[seen])).any(axis=1).sum())} pixels",
+            fix="look for broken photographs",
+        )
     kinds, given = levelling_constraints(color, label, depth, epsilon)
     if not seen.any():
         return Levelling(full, kinds, 0, 0.0)
