@@ -15,6 +15,7 @@ from stages.verify.development import development_chapter
 from stages.verify.masks import masks_chapter
 from stages.verify.options import VerifyOptions
 from stages.verify.orientation import orientation_chapter
+from stages.verify.stability import stability_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
 from stages.verify.texturing import texture_chapter
 from stages.verify.voxels import voxel_chapter
@@ -97,6 +98,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
         surfels, found = surfel_chapter(products, surface)
         cells, told = cell_chapter(products)
     metrics += found + told
+    stability, found = stability_chapter(products)
+    metrics += found
     warnings += unread
     with job.progress.step("pictures and plots"):
         content = build_scan_report(
@@ -120,6 +123,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *surfels,
                 *cells,
                 *photographs,
+                *stability,
             ),
             citations=_CITATIONS,
             reproducibility=_REPRODUCIBILITY,
@@ -341,6 +345,7 @@ VERIFY = Stage[Any](
         "voxel_graph",
         "surfels",
         "point_cubes",
+        "stability_table",
         "reference_file",
         "photo_files",
         "photo_inventory",

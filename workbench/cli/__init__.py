@@ -11,6 +11,7 @@ from workbench.cli.lod_commands import add_lod_commands
 from workbench.cli.page_commands import add_page_commands
 from workbench.cli.project_commands import add_project_commands
 from workbench.cli.render_commands import add_render_commands
+from workbench.cli.stability_commands import add_stability_commands
 from workbench.cli.stage_commands import add_stage_commands
 from workbench.cli.tool_commands import add_tool_commands
 from workbench.console import INTERRUPTED, Answer, answer_alone_on_stdout, give_failure, told
@@ -33,6 +34,7 @@ def build_cli(pipeline: Pipeline) -> typer.Typer:
     add_tool_commands(app, pipeline)
     add_lod_commands(app)
     add_render_commands(app)
+    add_stability_commands(app)
     add_stage_commands(app, pipeline)
     return app
 

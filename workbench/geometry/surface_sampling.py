@@ -39,8 +39,12 @@ def sample_surface(
     """
     _, area = face_normals_and_areas(mesh)
     running = np.cumsum(area)
-    if not len(running) or not running[-1] > 0:
-        raise InputError("a surface without area cannot be sampled", expected="area above zero")
+    if not len(running) or not 0.0 < running[-1] < np.inf:
+        raise InputError(
+            "a surface without area cannot be sampled",
+            expected="a finite area above zero",
+            found=f"{running[-1] if len(running) else 0.0}",
+        )
     random = np.random.default_rng(seed)
     at = (np.arange(n) + random.random(n)) * (running[-1] / n)
     triangle = np.minimum(np.searchsorted(running, at, side="right"), len(running) - 1)

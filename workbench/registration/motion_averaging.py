@@ -17,6 +17,8 @@ from workbench.geometry.transforms import Matrix4, apply, from_twist, nearest_ri
 from workbench.registration.pairwise import Link
 
 _ROUNDS, _REST = 15, 1e-4
+# Of the largest eigenvalue: what rounding leaves of those that are 0.
+_GAUGE = 1e-13
 
 
 def averaged(
@@ -55,7 +57,12 @@ def averaged(
             matrix[np.ix_(index, index)] += weight * jacobian.T @ jacobian
             gradient[index] += weight * jacobian.T @ residual.ravel()
         # The motions common to a whole group change nothing; the shortest step leaves them out.
-        change = -np.linalg.lstsq(matrix, gradient, rcond=1e-10)[0].reshape(n, 6)
+        # Every unknown in its own measure, so that weak links are not taken for such motions.
+        measure = np.sqrt(np.diag(matrix))
+        measure = np.where(measure > 0.0, measure, 1.0)
+        scaled = matrix / measure[:, None] / measure
+        inner = np.linalg.lstsq(scaled, gradient / measure, rcond=_GAUGE)[0]
+        change = -(inner / measure).reshape(n, 6)
         for k, part in enumerate(change):
             step = from_twist([*part[:3], 0, 0, 0])
             step[:3, 3] = centre + part[3:] - step[:3, :3] @ centre

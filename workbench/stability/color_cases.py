@@ -19,6 +19,7 @@ from workbench.color.flash_estimation import estimated_flash
 from workbench.color.flash_light import FlashLight, albedo, trust, value_trust
 from workbench.color.flash_observations import FlashObservations
 from workbench.color.inpainting import INPAINTED, UNPAINTED, Inpainting, inpainted
+from workbench.geometry.transforms import apply, inverse, looking_at, rotate
 from workbench.stability.case import Bound, Case, Measured, Refused
 
 _SPREADING, _FLASH = "diffusion of colour", "flash correction"
@@ -247,6 +248,42 @@ def _estimated(seen: FlashObservations) -> Measured | Refused:
     return Measured.nothing(f"the flash was found at {found.light.position_in_camera}")
 
 
+def flash_scene() -> FlashObservations:
+    """A lumpy ball from all sides, lit by a flash beside the lens, with 1 % of noise."""
+    rng = np.random.default_rng(0)
+    samples, photos = 400, 12
+    way = rng.standard_normal((samples, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    points, paint = 0.35 * way, np.exp(rng.uniform(np.log(0.1), np.log(0.8), samples))
+    parts = []
+    for k in range(photos):
+        turn = 2 * np.pi * k / photos
+        distance = 1.2 + 1.2 * (k % 4) / 3
+        center = distance * np.array([np.cos(turn), np.sin(turn), 0.3 * (k % 3 - 1)])
+        camera_from_world = inverse(looking_at(center, (0.0, 0.0, 0.0)))
+        place, normal = apply(camera_from_world, points), rotate(camera_from_world, way)
+        to_flash = _LIGHT.position_in_camera - place
+        length = np.linalg.norm(to_flash, axis=1)
+        cosine = np.einsum("ni,ni->n", normal, to_flash) / length
+        shown = np.flatnonzero((cosine > 0.1) & (np.einsum("ni,ni->n", normal, -place) > 0.3))
+        value = (paint * cosine / length**2)[shown] * np.exp(0.01 * rng.standard_normal(len(shown)))
+        parts.append((shown, np.full(len(shown), k), place[shown], normal[shown], value))
+    sample, photo, place, normal, value = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
+    return FlashObservations(sample, photo, place, normal, value, np.ones(len(value)))
+
+
+def _estimate() -> Measured | Refused:
+    """The flash's place against the true one."""
+    found = estimated_flash(flash_scene(), terms=())
+    if not found:
+        return Refused(found.reason)
+    apart = found.light.position_in_camera - _LIGHT.position_in_camera
+    told = f"told ±{1e3 * found.position_sigma.max():.2g} mm, condition {found.condition:.2g}"
+    return Measured(float(np.abs(apart).max()), told)
+
+
 def _one_photograph() -> Measured | Refused:
     return _estimated(_observations(0.3, photos=1))
 
@@ -334,6 +371,8 @@ COLOR_CASES = (
           partial(_inverse_square, 1e5), _EXACT),
     _case("black and full", _FLASH, "Values at and beyond both ends of the sensor.",
           _black_and_full, _NONE),
+    _case("a ball", "estimate of the flash", "An ordinary ball, to compare with.", _estimate,
+          Bound(0.01, "m", "1 % of noise over 2000 observations of distances of 1.2 m and more")),
     _case("all black", "estimate of the flash", "Every value is zero.",
           lambda: _estimated(_observations(0.0)), refusal="no sample has light"),
     _case("all saturated", "estimate of the flash", "No value is to be trusted.",

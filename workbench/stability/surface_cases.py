@@ -195,7 +195,7 @@ _BALL = Bound(0.012, "radii", "a third of the octree's finest cell")
 
 SURFACE_CASES = (
     _case("density 1e6:1", "A patch of a ball is sampled a million times as densely as the rest.",
-          _density, Bound(0.04, "radii", "8 sagittas of the sparse spacing of 0.2 radii")),
+          _density, Bound(0.03, "radii", "six sagittas of the sparse spacing of 0.2 radii")),
     _case("flipped normals 10 %", "Every tenth normal points inwards.", partial(_flipped, 0.1),
           _BALL),
     _case("coincident samples", "Every sample 20 times, and one of them 5000 times.",
@@ -205,11 +205,11 @@ SURFACE_CASES = (
     _case("open sheet", "A square seen from one side only has to become a closed surface.",
           _open_sheet, Bound(0.03, "m", "the reach of a sample: farther off all is filled in")),
     _case("scale 1e-6", "A ball of one micrometre.", partial(_elsewhere, 1e-6, np.zeros(3)),
-          Bound(1e-5, "radii", "single precision of the solver")),
+          Bound(1e-10, "radii", "rounding: it is solved at one size")),
     _case("scale 1e5", "A ball of one hundred kilometres.", partial(_elsewhere, 1e5, np.zeros(3)),
-          Bound(1e-5, "radii", "single precision of the solver")),
+          Bound(1e-10, "radii", "rounding: it is solved at one size")),
     _case("UTM offset", "A ball 5400 km from the origin.", partial(_elsewhere, 1.0, _UTM),
-          Bound(1e-5, "radii", "single precision of the solver")),
+          Bound(2e-8, "radii", "places at 5400 km are rounded to 1e-9 m; ten times")),
     _case("float32 samples", "Samples in single precision.", _single_precision, _BALL),
     _case("one place", "All samples lie in one place.", _one_place, refusal="one place"),
     _case("no reach", "Samples stand for no area: 0 / 0 in what fades out.", _no_reach,

@@ -21,6 +21,7 @@ from workbench.geometry.samples import Samples
 _NEIGHBOURS = 8
 # Width of the Gaussian in sample distances: wide enough to average noise, no wider.
 _WIDTH = 0.5
+_NARROWEST = 1e-140
 _CHUNK = 1 << 18
 
 
@@ -82,8 +83,9 @@ def _projected(
     facing = np.clip(np.einsum("vi,vki->vk", normals, samples.normals[index]), 0.0, 1.0)
     # Relative to the closest sample, so that the weights do not all underflow far away.
     farther = distance**2 - distance[:, :1] ** 2
-    # Samples that reach nowhere move nothing; only a width is needed that can be divided by.
-    decay = np.exp(-farther / np.where(width > 0.0, width, 1.0) ** 2)
+    # Samples that reach nowhere move nothing; only widths are needed that can be divided by.
+    with np.errstate(over="ignore"):
+        decay = np.exp(-farther / np.maximum(width, _NARROWEST) ** 2)
     weight = decay * facing**2 * samples.confidence[index]
     total = weight.sum(axis=1)
     held = total > 0.0
@@ -94,8 +96,8 @@ def _projected(
     direction = np.einsum("vk,vki->vi", weight, samples.normals[index])
     length = np.linalg.norm(direction, axis=1)
     direction /= np.where(length > 0.0, length, 1.0)[:, None]
-    within = np.where(reach[:, 0] > 0.0, reach[:, 0], np.inf)
-    fade = np.clip(2.0 - 2.0 * distance[:, 0] / within, 0.0, 1.0) * (reach[:, 0] > 0.0)
+    fade = np.clip(2.0 - 2.0 * distance[:, 0] / np.maximum(reach[:, 0], _NARROWEST), 0.0, 1.0)
+    fade *= reach[:, 0] > 0.0
     motion = np.clip(signed, -reach[:, 0], reach[:, 0]) * fade * held
     moved: NDArray[np.float64] = vertices - motion[:, None] * direction
     return moved
