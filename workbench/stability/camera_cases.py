@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -21,13 +21,14 @@ from workbench.geometry.transforms import Matrix4, apply, from_twist, inverse, l
 from workbench.kernels.lens_distortion import distorted_points, undistorted_points
 from workbench.orientation.features import PhotoFeatures
 from workbench.orientation.mapping import MappingSettings, placed, quiet_pycolmap, start_camera
-from workbench.orientation.picks import Pick, similarity_of_picks
+from workbench.orientation.picks import NoPicks, Pick, similarity_of_picks
 from workbench.orientation.sparse_points import SparsePoints
 from workbench.orientation.surface_adjustment import (
+    NotAdjusted,
     SurfaceAdjustmentOptions,
     adjusted_to_surface,
 )
-from workbench.orientation.surface_search import fit_by_shape
+from workbench.orientation.surface_search import NoShapeFit, fit_by_shape
 from workbench.orientation.two_views import VerificationSettings, verified
 from workbench.stability.case import Bound, Case, Measured, Refused
 from workbench.surface.poisson import PoissonSettings, reconstruct
@@ -46,6 +47,7 @@ def _camera(
     return PhotoCamera("SIMPLE_RADIAL", *_SIZE, params, inverse(looking_at(center, target)))
 
 
+@cache
 def ball_mesh(radius: float = 1.0, count: int = 3000) -> TriangleMesh:
     """A closed ball about the origin, with normals and colours at its vertices."""
     z = 1 - (2 * np.arange(count) + 1) / count
@@ -157,7 +159,7 @@ def _by_shape(mesh: TriangleMesh, points: NDArray[np.float64]) -> Measured | Ref
         np.arange(len(points)), 0.3 * apply(turn, points), outward @ turn[:3, :3].T
     )
     found = fit_by_shape(known, mesh)
-    if not found:
+    if isinstance(found, NoShapeFit):
         return Refused(found.reason)
     return Measured.nothing(f"placed with an error of {found.error:.3g}, lead {found.lead:.3g}")
 
@@ -187,9 +189,9 @@ def _picked_in_line() -> Measured | Refused:
         for place in places
     )
     found = similarity_of_picks(model, picks)
-    if found:
-        return Measured.nothing("placed by places in line")
-    return Refused(found.reason)
+    if isinstance(found, NoPicks):
+        return Refused(found.reason)
+    return Measured.nothing("placed by places in line")
 
 
 def _adjusted(count: int) -> Measured | Refused:
@@ -209,7 +211,7 @@ def _adjusted(count: int) -> Measured | Refused:
     known = {i: ColmapPoint(i, points[i - 1], gray, 0.1, tracks[i - 1]) for i in ids.tolist()}
     model = ColmapModel({1: lens}, images, known)
     found = adjusted_to_surface(model, SurfaceRays(mesh), SurfaceAdjustmentOptions(0.05))
-    if not found:
+    if isinstance(found, NotAdjusted):
         return Refused(found.reason)
     return Measured.nothing(f"adjusted with condition {found.condition:.3g}")
 

@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array, diags_array
-from scipy.sparse.linalg import spsolve
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array
+from scipy.sparse.linalg import splu
 
 from workbench.color.blending import blended
 from workbench.color.blending_colors import Colored, corrected
@@ -17,7 +17,7 @@ from workbench.color.blending_observations import Observations
 from workbench.color.diffusion_graph import SampleGraph, edges_of_cloud, sample_graph
 from workbench.color.flash_estimation import estimated_flash
 from workbench.color.flash_light import FlashLight, albedo, trust, value_trust
-from workbench.color.flash_observations import FlashObservations
+from workbench.color.flash_observations import FlashObservations, NoFlashEstimate
 from workbench.color.inpainting import INPAINTED, UNPAINTED, Inpainting, inpainted
 from workbench.geometry.transforms import apply, inverse, looking_at, rotate
 from workbench.stability.case import Bound, Case, Measured, Refused
@@ -48,11 +48,12 @@ def _plain_solution(graph: SampleGraph, colors: NDArray[np.float64]) -> NDArray[
     i, j = graph.edges.T
     n = graph.count
     joined = coo_array((np.tile(graph.conductances, 2), (np.r_[i, j], np.r_[j, i])), (n, n))
-    matrix = csc_array(diags_array(joined.sum(axis=1)) - joined)
-    open_ = np.isnan(colors).any(axis=1)
-    known = np.where(open_[:, None], 0.0, colors)
+    matrix = csr_array(diags_array(joined.sum(axis=1)) - joined)
+    open_ = np.flatnonzero(np.isnan(colors).any(axis=1))
+    known = np.nan_to_num(colors)
+    right = -(matrix[open_] @ known)
     found = known.copy()
-    found[open_] = spsolve(matrix[open_][:, open_], -(matrix[open_] @ known))
+    found[open_] = splu(csc_array(matrix[open_][:, open_])).solve(right)
     return found
 
 
@@ -243,7 +244,7 @@ def _observations(value: float, weight: float = 1.0, photos: int = 6) -> FlashOb
 
 def _estimated(seen: FlashObservations) -> Measured | Refused:
     found = estimated_flash(seen)
-    if not found:
+    if isinstance(found, NoFlashEstimate):
         return Refused(found.reason)
     return Measured.nothing(f"the flash was found at {found.light.position_in_camera}")
 
@@ -277,7 +278,7 @@ def flash_scene() -> FlashObservations:
 def _estimate() -> Measured | Refused:
     """The flash's place against the true one."""
     found = estimated_flash(flash_scene(), terms=())
-    if not found:
+    if isinstance(found, NoFlashEstimate):
         return Refused(found.reason)
     apart = found.light.position_in_camera - _LIGHT.position_in_camera
     told = f"told ±{1e3 * found.position_sigma.max():.2g} mm, condition {found.condition:.2g}"
@@ -304,7 +305,7 @@ def _wall_from_one_place() -> Measured | Refused:
             np.tile(value, 6) * np.exp(0.01 * rng.standard_normal(6 * n)), np.ones(6 * n),
         )
     )  # fmt: skip
-    if not found:
+    if isinstance(found, NoFlashEstimate):
         return Refused(found.reason)
     if found.warnings:
         return Refused("; ".join(found.warnings))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +21,19 @@ from workbench.color.blending_colors import Colored
 from workbench.color.diffusion_graph import edges_of_cloud, sample_graph
 from workbench.color.flash_estimation import estimated_flash
 from workbench.color.flash_light import FlashLight
+from workbench.color.flash_observations import FlashObservations, NoFlashEstimate
 from workbench.color.inpainting import inpainted
-from workbench.color.linearity import fitted_linearity
+from workbench.color.linearity import NotChecked, fitted_linearity
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
-from workbench.geometry.orientedscan import OrientationSettings, orient
+from workbench.geometry.orientedscan import OrientationSettings, OrientedScan, orient
 from workbench.geometry.point_set import PointSet
 from workbench.geometry.rangemap import RangeMap
-from workbench.geometry.similarity import best_similarity
+from workbench.geometry.samples import Samples
+from workbench.geometry.similarity import NoSimilarity, best_similarity
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.geometry.surface_sampling import sample_surface
+from workbench.geometry.transforms import Matrix4
 from workbench.pointcodecs.point_cells import cells_of_points, frame_of_resolution
 from workbench.registration.adjustment import AdjustmentSettings, adjust
 from workbench.registration.placement import PlacementSettings, place
@@ -51,6 +55,7 @@ from workbench.voxels.voxel_set import grid_of_mesh
 _VALUES = {"NaN": np.nan, "infinite": np.inf, "denormal": 5e-324}
 Numbers = NDArray[np.float64]
 Answer = Callable[[float], Numbers]
+_Given = TypeVar("_Given", Samples, FlashObservations)
 
 
 def broken(values: Numbers, value: float, at: int = 7) -> Numbers:
@@ -60,14 +65,15 @@ def broken(values: Numbers, value: float, at: int = 7) -> Numbers:
     return copied
 
 
+def _with(given: _Given, name: str, value: float) -> _Given:
+    """The same with one number of an attribute exchanged."""
+    changed: dict[str, Any] = {name: broken(getattr(given, name), value)}
+    return replace(given, **changed)
+
+
 @cache
 def _body() -> Scanned:
     return body_scans(views=3, side=24)
-
-
-@cache
-def _ball() -> TriangleMesh:
-    return ball_mesh(count=800)
 
 
 def _adjusted_points(value: float) -> Numbers:
@@ -81,7 +87,7 @@ def _adjusted_poses(value: float) -> Numbers:
     return _poses(body.scans, (broken(body.coarse[0], value, 3), *body.coarse[1:]))
 
 
-def _poses(scans: tuple, coarse: tuple) -> Numbers:  # type: ignore[type-arg]
+def _poses(scans: tuple[OrientedScan, ...], coarse: tuple[Matrix4, ...]) -> Numbers:
     found = adjust(scans, coarse, _body().names, AdjustmentSettings(max_rounds=3))
     return np.array([*found.poses])
 
@@ -113,7 +119,7 @@ def _solved(value: float) -> Numbers:
 def _merged(name: str) -> Answer:
     def run(value: float) -> Numbers:
         ball = ball_samples(300)
-        found = merged(replace(ball, **{name: broken(getattr(ball, name), value)}), 0.5)
+        found = merged(_with(ball, name, value), 0.5)
         return np.concatenate([found.points.ravel(), found.normals.ravel(), found.confidence])
 
     return run
@@ -122,14 +128,13 @@ def _merged(name: str) -> Answer:
 def _moved(name: str) -> Answer:
     def run(value: float) -> Numbers:
         ball = ball_samples(300)
-        there = replace(ball, **{name: broken(getattr(ball, name), value)})
-        return moved_onto_samples(_ball(), there, 1).vertices
+        return moved_onto_samples(ball_mesh(), _with(ball, name, value), 1).vertices
 
     return run
 
 
 def _supported(value: float) -> Numbers:
-    mesh, ball = _ball(), ball_samples(300)
+    mesh, ball = ball_mesh(), ball_samples(300)
     there = replace(ball, points=broken(ball.points, value))
     return support_of(mesh.vertices, mesh.vertex_attributes["normal"], there, 1.0).distance_m
 
@@ -159,8 +164,8 @@ def _neighbours(value: float) -> Numbers:
 def _flash(what: str) -> Answer:
     def run(value: float) -> Numbers:
         seen = flash_scene()
-        found = estimated_flash(replace(seen, **{what: broken(getattr(seen, what), value)}))
-        if not found:
+        found = estimated_flash(_with(seen, what, value))
+        if isinstance(found, NoFlashEstimate):
             raise InputError("no flash", found=found.reason)
         return np.concatenate([found.light.position_in_camera, found.gains])
 
@@ -181,7 +186,7 @@ def _blended(value: float) -> Numbers:
 def _linear(value: float) -> Numbers:
     frames = {"a": (1.0, 0.5), "b": (2.0, 0.125), "c": (value, 0.03)}
     found = fitted_linearity(frames, metric=True)
-    if not found:
+    if isinstance(found, NotChecked):
         raise InputError("linearity cannot be told", found=found.reason)
     return np.array([found.factor, found.residual, found.exponent])
 
@@ -201,7 +206,7 @@ def _view(value: float) -> Numbers:
 
 
 def _gridded(value: float) -> Numbers:
-    grid = grid_of_mesh(broken(_ball().vertices, value), 5)
+    grid = grid_of_mesh(broken(ball_mesh().vertices, value), 5)
     return np.array([*grid.origin, grid.size])
 
 
@@ -219,20 +224,20 @@ def _normals(value: float) -> Numbers:
 
 
 def _rays(value: float) -> Numbers:
-    mesh = _ball()
+    mesh = ball_mesh()
     rays = SurfaceRays(TriangleMesh(broken(mesh.vertices, value), mesh.triangles))
     return rays.first_met(np.array([0.0, -3.0, 0.0]), np.array([[0.0, 1.0, 0.0]])).points
 
 
 def _sampled(value: float) -> Numbers:
-    mesh = _ball()
+    mesh = ball_mesh()
     return sample_surface(TriangleMesh(broken(mesh.vertices, value), mesh.triangles), 100, 0)[0]
 
 
 def _similar(value: float) -> Numbers:
     points = ball_samples(50).points
     found = best_similarity(broken(points, value), points)
-    if not found:
+    if isinstance(found, NoSimilarity):
         raise InputError("no similarity", found=found.reason)
     return np.concatenate([found.rotation.ravel(), found.shift, [found.scale]])
 

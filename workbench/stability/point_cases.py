@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,16 +37,15 @@ _UTM = np.array([512_345.0, 5_412_345.0, 312.0])
 
 def _points(kind: str) -> NDArray[np.float64]:
     rng = np.random.default_rng(0)
-    return {
-        "ball": lambda: ball_samples(5000).points,
-        "line": lambda: np.outer(rng.uniform(-1, 1, 2000), [1.0, 2.0, 3.0]),
-        "one place": lambda: np.full((2000, 3), 0.25),
-        "half in one place": lambda: np.concatenate(
-            [np.full((1000, 3), 0.25), rng.uniform(-1, 1, (1000, 3))]
-        ),
-        "one point": lambda: np.full((1, 3), 0.25),
-        "1e12:1": lambda: np.concatenate([1e-6 * rng.random((1000, 3)), 1e6 * rng.random((2, 3))]),
-    }[kind]()
+    if kind == "ball":
+        return ball_samples(5000).points
+    if kind == "line":
+        return np.outer(rng.uniform(-1, 1, 2000), [1.0, 2.0, 3.0])
+    if kind == "half in one place":
+        return np.concatenate([np.full((1000, 3), 0.25), rng.uniform(-1, 1, (1000, 3))])
+    if kind == "1e12:1":
+        return np.concatenate([1e-6 * rng.random((1000, 3)), 1e6 * rng.random((2, 3))])
+    return np.full((1 if kind == "one point" else 2000, 3), 0.25)
 
 
 # -- codecs --------------------------------------------------------------------------------
@@ -77,7 +77,7 @@ def _cloud_of(points: NDArray[np.float64]) -> Measured:
     schema = Schema((Attribute("number", "int32"),))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "points.cloud"
-        block = {"points": points, "number": numbers}
+        block: dict[str, NDArray[Any]] = {"points": points, "number": numbers}
         build_cloud(path, [block], schema, points_per_chunk=500, workers=1)
         with LayeredCloud(path) as cloud:
             found = cloud.query().arrays

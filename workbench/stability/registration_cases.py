@@ -207,7 +207,7 @@ def _empty_scan() -> Measured | Refused:
 
 
 def _placed_ball() -> Measured | Refused:
-    return _placed(body_scans(ball, side=60))
+    return _placed(body_scans(ball, views=4))
 
 
 def _placed_plane() -> Measured | Refused:

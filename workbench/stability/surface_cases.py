@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,11 +123,16 @@ def _open_sheet() -> Measured:
     return _measured(mesh, float(away[told].max(initial=0.0)))
 
 
+@cache
+def _solved_ball() -> TriangleMesh:
+    return _solved(ball_samples(2000))
+
+
 def _elsewhere(factor: float, shift: NDArray[np.float64]) -> Measured:
     """The same ball in another unit and at another place, brought back."""
     ball = ball_samples(2000)
     there = replace(ball, points=factor * ball.points + shift, radius_m=factor * ball.radius_m)
-    here, mesh = _solved(ball), _solved(there)
+    here, mesh = _solved_ball(), _solved(there)
     if here.triangles.shape != mesh.triangles.shape:
         return Measured.nothing(f"{len(mesh.triangles)} triangles, not {len(here.triangles)}")
     return _measured(mesh, float(np.abs((mesh.vertices - shift) / factor - here.vertices).max()))

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from workbench.errors import SettingsError
 from workbench.stability.camera_cases import CAMERA_CASES

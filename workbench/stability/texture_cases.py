@@ -173,7 +173,9 @@ def _no_area() -> Measured:
     return Measured(float(abs(step)), f"residual {residual:.1e}")
 
 
-def _view(columns: int, islands: bool) -> tuple[NDArray[np.float32], ...]:
+def _view(
+    columns: int, islands: bool
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]:
     """A picture of two photographs about a tenth apart, with parts that touch none if wanted."""
     label = np.zeros((40, columns), np.int32)
     label[:, columns // 4 :] = 1
