@@ -113,8 +113,9 @@ def _ordered(kind: str, exact: bool) -> Measured:
         taken = points[order.picks[:count]]
         apart = np.linalg.norm(points[:, None] - taken, axis=2).min(axis=1).max()
         told = order.reach[count] if count < len(order) else order.rest
-        if exact:
-            worst = max(worst, float(apart - told) / size)
+        if exact and not np.isfinite(told):
+            return Measured.nothing("no reach is told")
+        worst = max(worst, float(apart - told) / size) if exact else worst
     return Measured(worst, f"{len(order)} of {len(points)} taken")
 
 

@@ -120,6 +120,9 @@ def _open_sheet() -> Measured:
     mesh = _solved(_samples(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), 0.03))
     away = np.maximum(np.abs(mesh.vertices[:, 2]), np.abs(mesh.vertices[:, :2]).max(axis=1) - 0.5)
     told = mesh.vertex_attributes["provenance"] == MEASURED
+    backs = int((told & (mesh.vertex_attributes["normal"][:, 2] < 0.0)).sum())
+    if backs:
+        return Measured.nothing(f"{backs} vertices of the side that nobody saw count as measured")
     return _measured(mesh, float(away[told].max(initial=0.0)))
 
 

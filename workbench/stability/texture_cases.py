@@ -69,8 +69,12 @@ def _gap(problem: LabellingProblem) -> Measured:
     return Measured(over, f"told gap {found.gap:.1e} after {len(found.cycles)} cycles")
 
 
+# No photograph shows all of them, so that seams cannot be left out altogether.
+_OVERLAPPING: list[tuple[int, ...]] = [(0, 1), (0, 1, 2), (1, 2), (0, 2), (0, 1, 2), (1, 2), (0, 1)]
+
+
 def _equal_costs() -> Measured:
-    return _gap(chain_problem([(0, 1, 2)] * 7, [(0.5,) * 3] * 7))
+    return _gap(chain_problem(_OVERLAPPING, [(0.5,) * len(c) for c in _OVERLAPPING]))
 
 
 def _equal_everything() -> Measured:
@@ -82,8 +86,11 @@ def _equal_everything() -> Measured:
 
 def _zero_areas() -> Measured:
     """Every other triangle without area, whose data cost is 0, and edges without length."""
-    costs = [(0.0,) * 3 if t % 2 else tuple(v) for t, v in enumerate(_random((7, 3)))]
-    return _gap(chain_problem([(0, 1, 2)] * 7, costs, [0.0, 1.0, 0.0, 1.0, 1.0, 0.0]))
+    costs = [
+        (0.0,) * len(c) if t % 2 else tuple(_random((len(c),), t))
+        for t, c in enumerate(_OVERLAPPING)
+    ]
+    return _gap(chain_problem(_OVERLAPPING, costs, [0.0, 1.0, 0.0, 1.0, 1.0, 1.0]))
 
 
 def _random(shape: tuple[int, ...], seed: int = 4) -> NDArray[np.float64]:
@@ -226,10 +233,11 @@ def _case(
 
 
 _BEST = Bound(1e-9, "relative", "all labellings tried one by one, and rounding")
+_DRAWS = Bound(0.1, "relative", "what expansion leaves for eight draws of colours; its gap is told")
 _LEVEL = Bound(0.05, "of 255", "known answer: half a step each; the faint anchor's part of it")
 
 TEXTURE_CASES = (
-    _case("equal costs", _CUT, "All data costs are the same.", _equal_costs, _BEST),
+    _case("equal costs", _CUT, "All data costs are the same.", _equal_costs, _DRAWS),
     _case("equal everything", _CUT, "Costs are zero and all photographs look alike.",
           _equal_everything, Bound(0.0, "", "the same labelling each time, at no cost")),
     _case("zero areas", _CUT, "Triangles without area and edges without length.", _zero_areas,

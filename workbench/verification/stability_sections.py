@@ -18,7 +18,6 @@ from workbench.verification.report_content import (
     TextList,
 )
 
-_WRONG = "WRONG"
 _NAMES = {
     "registration": "Scans in one frame",
     "pose graph": "Loops of scans",
@@ -32,14 +31,14 @@ _NAMES = {
     "numbers": "Numbers that are none",
 }
 _COLUMNS = (
-    Column("Case"),
-    Column("What is stiff about it", style="wide"),
+    Column("Case, and what is stiff about it", style="wide"),
     Column("Outcome"),
-    Column("Value"),
-    Column("Bound"),
-    Column("Where the bound is from, or why it was refused", style="wide"),
-    Column("What the method says", style="wide"),
+    Column("Value, and bound"),
+    Column("Where the bound is from, and what the method says", style="wide"),
 )
+# Cases of numbers that are none, which make a table of their own: a column for each.
+_NUMBERS, _BROKEN = "numbers", ("NaN", "infinite", "denormal")
+_LONGEST_REASON = 160
 
 
 def stability_section(told: Mapping[str, Any]) -> Section:
@@ -59,10 +58,13 @@ def stability_section(told: Mapping[str, Any]) -> Section:
             "method has to refuse and say why."
         )
     )
-    domains = dict.fromkeys(case["name"].partition("/")[0] for case in cases)
-    for domain in domains:
-        rows = tuple(_row(case) for case in cases if case["name"].partition("/")[0] == domain)
-        blocks.append(Table(_COLUMNS, rows, f"{_NAMES.get(domain, domain.capitalize())}."))
+    for domain in dict.fromkeys(_domain(case) for case in cases):
+        of_domain = [case for case in cases if _domain(case) == domain]
+        caption = f"{_NAMES.get(domain, domain.capitalize())}."
+        if domain == _NUMBERS:
+            blocks.append(_numbers_table(of_domain, caption))
+        else:
+            blocks.append(Table(_COLUMNS, tuple(_row(case) for case in of_domain), caption))
     intro = (
         "Every method on input that is made to break it. An answer must lie within a bound that "
         "is known beforehand, or the method must refuse with a reason; a wrong answer without a "
@@ -101,18 +103,52 @@ def _wrong(case: Mapping[str, Any]) -> str:
     return f"{case['value']:.3g} {case['unit']}, {case['bound']:.3g} at most; {case['reason']}"
 
 
-def _row(case: Mapping[str, Any]) -> tuple[str | float | None, ...]:
-    bound = "" if case["bound"] is None else f"{_short(case['bound'])} {case['unit']}".strip()
+def _domain(case: Mapping[str, Any]) -> str:
+    return str(case["name"]).partition("/")[0]
+
+
+def _row(case: Mapping[str, Any]) -> tuple[str, ...]:
     refused = case["outcome"] == "refused"
+    said = [case["reason"]] if refused else [case["source"], case["reason"]]
     return (
-        case["name"].partition("/")[2],
-        case["stiff"],
-        case["outcome"],
-        "" if case["value"] is None else _short(case["value"]),
-        "" if refused else bound,
-        case["reason"] if refused else case["source"],
-        "" if refused else case["reason"],
+        f"{case['name'].partition('/')[2]}: {case['stiff']}",
+        _outcome(case),
+        "" if case["value"] is None else _compared(case),
+        _shortened("; ".join(part for part in said if part)),
     )
+
+
+def _numbers_table(cases: Sequence[Mapping[str, Any]], caption: str) -> Table:
+    """One row for every input of a method, one column for every number it was broken with."""
+    outcomes: dict[str, dict[str, str]] = {}
+    for case in cases:
+        given, _, number = case["name"].partition("/")[2].rpartition(", ")
+        outcomes.setdefault(given, {})[number] = _outcome(case)
+    columns = (Column("Method and what of its input", style="wide"), *map(Column, _BROKEN))
+    rows = tuple((given, *(found.get(n, "") for n in _BROKEN)) for given, found in outcomes.items())
+    return Table(
+        columns,
+        rows,
+        f"{caption} One number of the input is exchanged: NaN and infinity are refused, or passed "
+        "over where that is what the method is for; a number next to 0 does as well as 0.",
+    )
+
+
+def _outcome(case: Mapping[str, Any]) -> str:
+    return "right" if case["outcome"] == "right within bound" else str(case["outcome"])
+
+
+def _compared(case: Mapping[str, Any]) -> str:
+    if case["bound"] is None:
+        return _short(case["value"])
+    sign = "≤" if case["value"] <= case["bound"] else ">"
+    return f"{_short(case['value'])} {sign} {_short(case['bound'])} {case['unit']}".strip()
+
+
+def _shortened(text: str) -> str:
+    if len(text) <= _LONGEST_REASON:
+        return text
+    return text[:_LONGEST_REASON].rpartition(" ")[0] + " …"
 
 
 def _short(value: float) -> str:
