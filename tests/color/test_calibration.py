@@ -23,6 +23,20 @@ def _patches(means: np.ndarray, clipped=()) -> ChartPatches:
     return ChartPatches(means, np.full(24, 1e-3), share, 100 * patch_middles())
 
 
+def test_charts_that_tell_no_colours_are_refused_and_the_condition_is_told() -> None:
+    sound = _seen()
+    assert fitness(_patches(sound)) is None
+    weight = 1.0 / np.sqrt(reference_xyz_d50("after_2014")[:, 1:2] + 0.01)
+    found = calibrated(_patches(sound), working_space("rec709"), edition="after_2014")
+    balanced = weight * sound * found.color.white_balance
+    assert found.condition == pytest.approx(np.linalg.cond(balanced))
+    gray = np.repeat(sound[:, 1:2], 3, axis=1)
+    assert "no colours" in fitness(_patches(gray)).reason
+    broken = sound.copy()
+    broken[3, 2] = np.nan
+    assert "without a number" in fitness(_patches(broken)).reason
+
+
 def _seen(edition: str = "after_2014") -> np.ndarray:
     return reference_xyz_d50(edition) @ CAMERA.T
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -137,7 +139,7 @@ def test_what_is_left_of_a_loop_is_spread_over_its_links(seed: int) -> None:
         step = links[k].target_from_source
         chained[k + 1] = chained[k] @ inverse(step)
     before = [loop_error_m(chained, one) for one in links]
-    poses = averaged(chained, links, [1.0] * n, TOLERANCE)
+    poses = averaged(chained, links, [1.0] * n, TOLERANCE).poses
     after = [loop_error_m(poses, one) for one in links]
     assert max(before) > 0.01
     assert max(after) < 0.5 * max(before)
@@ -148,10 +150,27 @@ def test_what_is_left_of_a_loop_is_spread_over_its_links(seed: int) -> None:
 def test_averaging_leaves_exact_poses_and_lone_scans_alone() -> None:
     true = true_poses(4)
     links = [true_link(true, 0, 1), true_link(true, 1, 2), true_link(true, 0, 2)]
-    poses = averaged(true, links, [1.0, 5.0, 2.0], TOLERANCE)
+    poses = averaged(true, links, [1.0, 5.0, 2.0], TOLERANCE).poses
     assert np.allclose(np.stack(poses), np.stack(true), atol=1e-12)
     assert np.allclose(poses[3], true[3], atol=1e-15)
     assert np.allclose(apply(poses[0], MARKS), apply(true[0], MARKS))
+
+
+def test_averaging_tells_how_unevenly_the_links_hold_the_scans() -> None:
+    true = true_poses(4)
+    links = [true_link(true, 0, 1), true_link(true, 1, 2), true_link(true, 2, 3)]
+    even = averaged(true, links, [1.0] * 3, TOLERANCE)
+    assert even.converged
+    assert 1.0 < even.condition < 1e4
+    # One end of the chain hangs on links that say a million times less of it.
+    far = [replace(one, places=one.places + np.array([1e3, 0.0, 0.0])) for one in links]
+    levered = averaged(true, [links[0], *far[1:]], [1.0] * 3, TOLERANCE)
+    assert levered.condition > 100 * even.condition
+    # Weak links are links: what they hold is brought back as well.
+    moved = [from_twist([0, 0, 0, 0, 0, 0.02 * k]) @ pose for k, pose in enumerate(true)]
+    weak = averaged(moved, links, [1.0, 1e-11, 1.0], TOLERANCE)
+    assert max(loop_error_m(weak.poses, one) for one in links) < 1e-9
+    assert averaged(true, [], [], TOLERANCE).condition == 1.0
 
 
 def test_few_samples_against_a_link_tell_a_repetition_from_the_right_place() -> None:

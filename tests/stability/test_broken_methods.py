@@ -14,7 +14,8 @@ from workbench.masking import energy
 from workbench.registration import adjustment, motion_averaging
 from workbench.stability import (
     camera_cases,
-    color_cases,
+    diffusion_cases,
+    flash_cases,
     point_cases,
     surface_cases,
     texture_cases,
@@ -102,29 +103,29 @@ def test_provenance_that_takes_all_for_measured(monkeypatch):
 
 
 def test_a_diffusion_that_stops_early(monkeypatch):
-    whole, loose = color_cases.inpainted, InpaintingSettings(tolerance=1e-2)
+    whole, loose = diffusion_cases.inpainted, InpaintingSettings(tolerance=1e-2)
 
     def early(colors, weights, graph):
         return whole(colors, weights, graph, loose)
 
-    monkeypatch.setattr(color_cases, "inpainted", early)
+    monkeypatch.setattr(diffusion_cases, "inpainted", early)
     assert wrong("color/conductances 1e-8 to 1")
     assert wrong("color/inclusions 1e-8")
 
 
 def test_a_diffusion_that_levels_conductances(monkeypatch):
-    whole = color_cases.inpainted
+    whole = diffusion_cases.inpainted
 
     def even(colors, weights, graph):
         return whole(colors, weights, replace(graph, conductances=np.ones(len(graph.edges))))
 
-    monkeypatch.setattr(color_cases, "inpainted", even)
+    monkeypatch.setattr(diffusion_cases, "inpainted", even)
     assert wrong("color/conductances 1e-8 to 1")
     assert wrong("color/conductance 1e-8 across")
 
 
 def test_trust_in_whatever_the_sensor_says(monkeypatch):
-    monkeypatch.setattr(color_cases, "value_trust", lambda values: np.ones(len(values)))
+    monkeypatch.setattr(flash_cases, "value_trust", lambda values: np.ones(len(values)))
     assert wrong("color/black and full")
 
 

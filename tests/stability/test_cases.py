@@ -55,5 +55,5 @@ def test_every_case_says_what_it_is():
 def test_all_domains_are_there():
     assert {case.name.partition("/")[0] for case in ALL_CASES} == {
         "registration", "pose graph", "surface", "color", "texture", "voxels", "cameras",
-        "points", "masks", "numbers",
+        "points", "masks", "numbers", "calibration",
     }  # fmt: skip

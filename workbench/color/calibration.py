@@ -92,6 +92,8 @@ class Calibration:
     left_out_delta_e : (24,) the same, each patch predicted by a fit to all others.
     used : (24,) patches that were fitted.
     measured_lab : (24, 3) CIE Lab relative to D50 of the patches as calibrated.
+    condition : of the equations for the matrix, in light: how much errors of the patches may be
+        magnified.
     """
 
     color: ColorMatrix
@@ -101,6 +103,7 @@ class Calibration:
     left_out_delta_e: NDArray[np.float64]
     used: NDArray[np.bool_]
     measured_lab: NDArray[np.float64]
+    condition: float
 
     @property
     def mean(self) -> float:
@@ -155,6 +158,7 @@ def calibrated(
         left_out,
         patches.usable,
         fit.lab(solved),
+        fit.condition(patches.usable),
     )
 
 
@@ -218,11 +222,18 @@ class _Fit:
 
     def start(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
         """The matrix of least squares in light, weighted as the eye does; even light."""
-        weight = 1.0 / np.sqrt(self._reference[used, 1:2] + 0.01)
+        weight = self._weight(used)
         solved = np.linalg.lstsq(
             weight * self._terms[used], weight * self._reference[used], rcond=None
         )[0]
         return np.concatenate([solved.T.ravel(), np.zeros(2)])
+
+    def condition(self, used: NDArray[np.bool_]) -> float:
+        """Of these least squares."""
+        return float(np.linalg.cond(self._weight(used) * self._terms[used]))
+
+    def _weight(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
+        return np.asarray(1.0 / np.sqrt(self._reference[used, 1:2] + 0.01))
 
     def solved(self, used: NDArray[np.bool_], start: NDArray[np.float64]) -> NDArray[np.float64]:
         """The best parameters for some of the patches."""

@@ -20,6 +20,8 @@ _TRIMMED = 0.1
 _CLIPPED_SHARE, _MOST_CLIPPED = 0.01, 3
 _LEAST_WHITE = 0.02
 _MOST_UNCERTAIN = 0.02
+# Of the largest singular value of the patches' colours; that of cameras is some 0.05.
+_LEAST_COLOR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,8 @@ def measured_patches(
 
 def fitness(patches: ChartPatches) -> UnfitChart | None:
     """Why the patches are not fit to calibrate with; None where they are."""
+    if not (np.isfinite(patches.means).all() and np.isfinite(patches.uncertain).all()):
+        return UnfitChart("the chart has patches without a number: the photograph is broken")
     names = patch_names()
     clipped = np.flatnonzero(~patches.usable)
     if len(clipped):
@@ -113,6 +117,10 @@ def fitness(patches: ChartPatches) -> UnfitChart | None:
         return UnfitChart(
             f"the chart is too dark: its white patch has {100 * white:.2g} % of the sensor's range"
         )
+    seen = patches.means[patches.usable]
+    spread = np.linalg.svd(seen, compute_uv=False)
+    if spread[2] < _LEAST_COLOR * spread[0]:
+        return UnfitChart("the chart has no colours: its patches differ in lightness alone")
     neutral = patches.uncertain[list(NEUTRALS[:4])].max()
     if neutral > _MOST_UNCERTAIN:
         return UnfitChart(

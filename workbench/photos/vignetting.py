@@ -21,6 +21,9 @@ _LEAST_LEVEL = 0.02
 _MOST_CLIPPED = 0.001
 # A target with a fold, a shadow or a frame around it leaves more than this.
 _MOST_RESIDUAL = 0.02
+# A target lit so many times as much on one side is not even: what is left when that is taken out
+# passes for the lens's doing.
+_MOST_GRADIENT = 2.0
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,8 @@ def fitted_vignetting(
     """
     if frame.clipped > _MOST_CLIPPED:
         return NoVignetting(f"the flat frame is clipped in {100 * frame.clipped:.2g} % of its area")
+    if not (np.isfinite(frame.levels) & (frame.levels > 0.0)).all():
+        return NoVignetting("the flat frame has parts without light, or without a number")
     if float(np.median(frame.levels)) < _LEAST_LEVEL:
         return NoVignetting("the flat frame is too dark")
     if flash_fired and not focal_length_px:
@@ -141,6 +146,10 @@ def fitted_vignetting(
     _, a1, a2, a3, x, y = (float(value) for value in solved.x)
     residual = float(np.sqrt(np.mean(unexplained(solved.x) ** 2)))
     found = Vignetting((a1, a2, a3), residual, (x, y) if flash_fired else (0.0, 0.0))
+    if not flash_fired and np.hypot(x, y) > np.log(_MOST_GRADIENT):
+        return NoVignetting(
+            f"the flat frame is lit from one side, {np.exp(np.hypot(x, y)):.1f} times as much"
+        )
     if residual > _MOST_RESIDUAL:
         return NoVignetting(
             f"the flat frame is uneven by {100 * residual:.1f} % beside its falloff"

@@ -10,6 +10,7 @@ images).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,10 +22,28 @@ _ROUNDS, _REST = 15, 1e-4
 _GAUGE = 1e-13
 
 
+@dataclass(frozen=True)
+class Averaging:
+    """Poses that miss all links as little as can be, and how well the links hold them.
+
+    Attributes
+    ----------
+    poses : group_from_scan per scan.
+    condition : of the last equations, every unknown in its own measure and without the motions
+        that no link feels; 1 without links.
+    rounds, converged : whether the poses had come to rest after so many.
+    """
+
+    poses: list[Matrix4]
+    condition: float
+    rounds: int
+    converged: bool
+
+
 def averaged(
     poses: Sequence[Matrix4], links: Sequence[Link], weights: Sequence[float], scale_m: float
-) -> list[Matrix4]:
-    """Poses that miss all links as little as can be.
+) -> Averaging:
+    """Spread what the links miss over all of them.
 
     Parameters
     ----------
@@ -35,9 +54,9 @@ def averaged(
     """
     result = list(poses)
     n = len(result)
-    if not links:
-        return result
-    for _ in range(_ROUNDS):
+    condition, rounds, converged = 1.0, 0, not links
+    while rounds < _ROUNDS and not converged:
+        rounds += 1
         centre = np.array([pose[:3, 3] for pose in result]).mean(axis=0)
         matrix, gradient = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
         for link, strength in zip(links, weights, strict=True):
@@ -61,15 +80,15 @@ def averaged(
         measure = np.sqrt(np.diag(matrix))
         measure = np.where(measure > 0.0, measure, 1.0)
         scaled = matrix / measure[:, None] / measure
-        inner = np.linalg.lstsq(scaled, gradient / measure, rcond=_GAUGE)[0]
+        inner, _, rank, spectrum = np.linalg.lstsq(scaled, gradient / measure, rcond=_GAUGE)
+        condition = float(spectrum[0] / spectrum[rank - 1]) if rank else 1.0
         change = -(inner / measure).reshape(n, 6)
         for k, part in enumerate(change):
             step = from_twist([*part[:3], 0, 0, 0])
             step[:3, 3] = centre + part[3:] - step[:3, :3] @ centre
             result[k] = nearest_rigid(step @ result[k])
-        if np.abs(change[:, 3:]).max() < _REST * scale_m:
-            break
-    return result
+        converged = bool(np.abs(change[:, 3:]).max() < _REST * scale_m)
+    return Averaging(result, condition, rounds, converged)
 
 
 def loop_error_m(poses: Sequence[Matrix4], link: Link) -> float:

@@ -65,6 +65,7 @@ class Placement:
     rejected : verified links that contradict the others round loops.
     unconfirmed : links that carry the placement without a loop that confirms them.
     loop_error_m : largest root mean square miss of a link at the poses.
+    condition : how unevenly the links hold the scans, see `Averaging`.
     keypoint_m : distance of the keypoints.
     reason : why it is falsy; empty when all went well.
     """
@@ -76,6 +77,7 @@ class Placement:
     rejected: tuple[Link, ...]
     unconfirmed: tuple[Link, ...]
     loop_error_m: float
+    condition: float
     keypoint_m: float
     reason: str
 
@@ -239,7 +241,8 @@ def _placed(
     weights = dict(zip(links, link_weights(links, len(scans)), strict=True))
     groups = grouped(links, list(weights.values()), marks, names, tolerance_m, bears, together)
     strengths = [weights[link] for link in groups.kept]
-    poses = averaged(groups.poses, groups.kept, strengths, tolerance_m)
+    averaging = averaged(groups.poses, groups.kept, strengths, tolerance_m)
+    poses = averaging.poses
     misses = {link: loop_error_m(poses, link) for link in groups.kept}
     kept = tuple(link for link in groups.kept if misses[link] <= tolerance_m)
     return Placement(
@@ -250,6 +253,7 @@ def _placed(
         rejected=groups.rejected + tuple(k for k in groups.kept if misses[k] > tolerance_m),
         unconfirmed=groups.unconfirmed,
         loop_error_m=max((misses[link] for link in kept), default=0.0),
+        condition=averaging.condition,
         keypoint_m=keypoint_m,
         reason=_reason(scans, groups, loose, names),
     )

@@ -40,7 +40,8 @@ from workbench.registration.placement import PlacementSettings, place
 from workbench.render.stitch.levelling import levelling
 from workbench.stability.camera_cases import ball_mesh
 from workbench.stability.case import Bound, Case, Measured, Refused
-from workbench.stability.color_cases import flash_scene, square_graph
+from workbench.stability.diffusion_cases import square_graph
+from workbench.stability.flash_cases import flash_scene
 from workbench.stability.scanned_bodies import Scanned, body_scans
 from workbench.stability.surface_cases import ball_samples
 from workbench.stability.texture_cases import chain_problem

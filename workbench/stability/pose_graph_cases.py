@@ -8,7 +8,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.geometry.transforms import Matrix4, apply, from_twist, inverse, rotation_angle_deg
+from workbench.geometry.transforms import (
+    Matrix4,
+    apply,
+    from_twist,
+    inverse,
+    rotate,
+    rotation_angle_deg,
+)
+from workbench.registration.consensus import Correspondences, agreed_motions
 from workbench.registration.cycles import grouped, link_weights
 from workbench.registration.motion_averaging import averaged, loop_error_m
 from workbench.registration.pairwise import Link
@@ -47,14 +55,16 @@ def _averaged(
     links = [_link(true, k, k + 1, places, _error_of(rng, sigma_m)) for k in range(5)]
     links.append(_link(true, 0, 5, places, _error_of(rng, sigma_m)))
     start = _moved(true, rng)
-    found = averaged(start, links, [weights(k) for k in range(6)], 0.1)
+    averaging = averaged(start, links, [weights(k) for k in range(6)], 0.1)
+    found = averaging.poses
     if not all(np.isfinite(pose).all() for pose in found):
         return Measured.nothing("poses that are no numbers")
     # What no link holds must stay: the poses may not leave the neighbourhood they were in.
     strayed = max(rotation_angle_deg(inverse(a) @ b) for a, b in zip(start, found, strict=True))
     if strayed > 15.0:
         return Measured.nothing(f"a pose turned by {strayed:.0f}°")
-    return Measured(max(loop_error_m(found, link) for link in links), f"turned {strayed:.2g}° most")
+    told = f"condition {averaging.condition:.3g} after {averaging.rounds} rounds"
+    return Measured(max(loop_error_m(found, link) for link in links), told)
 
 
 def _places(kind: str) -> NDArray[np.float64]:
@@ -80,7 +90,8 @@ def _one_wrong_link() -> Measured:
     links += [_link(true, 0, 2, places, np.eye(4)), _link(true, 2, 4, places, np.eye(4))]
     wrong = _link(true, 0, 5, places, from_twist([0.5, 0, 0, 1.0, 0, 0]))
     found = averaged(_moved(true, rng), [*links, wrong], [1.0] * 8, 0.05)
-    return Measured(max(loop_error_m(found, link) for link in links))
+    told = f"condition {found.condition:.3g} after {found.rounds} rounds"
+    return Measured(max(loop_error_m(found.poses, link) for link in links), told)
 
 
 def _outvoted() -> Measured | Refused:
@@ -111,8 +122,34 @@ def _outvoted() -> Measured | Refused:
     )
 
 
-def _case(name: str, stiff: str, run: Callable[[], Measured | Refused], bound: Bound) -> Case:
-    return Case(f"pose graph/{name}", _METHOD, stiff, run, bound)
+def _agreed(right: float) -> Measured | Refused:
+    """A motion among 800 correspondences of which only some are right."""
+    rng = np.random.default_rng(3)
+    source, normals = rng.uniform(-1, 1, (800, 3)), rng.standard_normal((800, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    true = from_twist([0.4, -0.3, 0.8, 1.0, 2.0, 3.0])
+    target, turned = apply(true, source), rotate(true, normals)
+    target += _SIGMA_M * rng.standard_normal(target.shape)
+    wrong = rng.random(800) >= right
+    target[wrong] = rng.uniform(target.min(axis=0), target.max(axis=0), (int(wrong.sum()), 3))
+    turned[wrong] = rng.permutation(turned[wrong])
+    found = agreed_motions(Correspondences(source, target, normals, turned), 0.02, 1, least=12)
+    if not found:
+        return Refused("the correspondences agree on no motion")
+    told = f"{int(found[0].inliers.sum())} of {int((~wrong).sum())} right ones agree"
+    gap = apply(found[0].target_from_source, source) - apply(true, source)
+    return Measured(float(np.linalg.norm(gap, axis=1).max()), told)
+
+
+def _case(
+    name: str,
+    stiff: str,
+    run: Callable[[], Measured | Refused],
+    bound: Bound | None = None,
+    refusal: str | None = None,
+    method: str = _METHOD,
+) -> Case:
+    return Case(f"pose graph/{name}", method, stiff, run, bound, refusal)
 
 
 _CLOSED = Bound(1e-4, "m", "exact links: what the stopping rule of 1e-4 × 0.1 m leaves, ten times")
@@ -128,4 +165,11 @@ POSE_GRAPH_CASES = (
           Bound(0.005, "m", "a link 20 scales off counts 1 / 400² of one that fits")),
     _case("a third wrong", "Five of fifteen links are wrong.", _outvoted,
           Bound(1e-3, "m", "noise of the right links of 1e-4, over at most five of them")),
+    _case("correspondences, 10 % right", "Nine of ten correspondences are wrong.",
+          partial(_agreed, 0.1),
+          Bound(0.003, "m", "noise of 1 mm over some 80 of them, at the corners of their box"),
+          method="consensus of correspondences"),
+    _case("correspondences, none right", "Any motion is agreed on by chance alone.",
+          partial(_agreed, 0.0), refusal="no motion",
+          method="consensus of correspondences"),
 )  # fmt: skip

@@ -11,9 +11,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from workbench.errors import SettingsError
+from workbench.stability.calibration_cases import CALIBRATION_CASES
 from workbench.stability.camera_cases import CAMERA_CASES
 from workbench.stability.case import Case, Row, tried
-from workbench.stability.color_cases import COLOR_CASES
+from workbench.stability.diffusion_cases import DIFFUSION_CASES
+from workbench.stability.flash_cases import FLASH_CASES
 from workbench.stability.mask_cases import MASK_CASES
 from workbench.stability.number_cases import NUMBER_CASES
 from workbench.stability.point_cases import POINT_CASES
@@ -27,7 +29,9 @@ ALL_CASES: tuple[Case, ...] = (
     *REGISTRATION_CASES,
     *POSE_GRAPH_CASES,
     *SURFACE_CASES,
-    *COLOR_CASES,
+    *DIFFUSION_CASES,
+    *FLASH_CASES,
+    *CALIBRATION_CASES,
     *TEXTURE_CASES,
     *VOXEL_CASES,
     *CAMERA_CASES,

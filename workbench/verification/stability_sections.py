@@ -23,6 +23,7 @@ _NAMES = {
     "pose graph": "Loops of scans",
     "surface": "Closed surfaces",
     "color": "Colour and flash",
+    "calibration": "Charts and targets",
     "texture": "Photographs on triangles",
     "voxels": "Voxels",
     "cameras": "Cameras",
