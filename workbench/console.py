@@ -38,7 +38,7 @@ class Answer:
     ----------
     value : for programs.
     text : the same for people.
-    exit_code : 0, or 3 when something is missing.
+    exit_code : 0; 3 when something is missing; 1 when what was to be shown is wrong.
     afterwards : what goes on once the answer is given, until the user stops it: a page's server.
     """
 
