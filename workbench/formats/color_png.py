@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.formats.picture_file import opened_picture
+
 # Deflate at its fastest: slower settings save a tenth of the bytes of a photograph.
 _SETTINGS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
@@ -20,7 +22,12 @@ def read_color_png(path: Path) -> NDArray[np.uint8]:
     OSError
         When the file is no picture of 8 bits.
     """
-    stored = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    try:
+        with opened_picture(path):
+            pass  # OpenCV would make room for whatever the header declares.
+        stored = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    except (OSError, ValueError, SyntaxError, cv2.error) as error:
+        raise OSError(f"no picture of 8 bits: {error}") from error
     if stored is None or stored.dtype != np.uint8:
         raise OSError("no picture of 8 bits")
     turned = {2: cv2.COLOR_GRAY2RGBA}.get(

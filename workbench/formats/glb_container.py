@@ -101,13 +101,15 @@ def read_glb_description(path: Path) -> dict[str, Any]:
     try:
         with open(path, "rb") as file:
             magic, _, total, size, kind = struct.unpack("<4sIIII", file.read(20))
-            text = file.read(size)
+            text = file.read(min(size, path.stat().st_size))
         if magic != b"glTF" or kind != _JSON_CHUNK or len(text) < size:
             raise ValueError("it does not begin as one")
         if total > path.stat().st_size:
             raise ValueError("its end is missing")
         told: dict[str, Any] = json.loads(text)
-    except (OSError, ValueError, struct.error) as error:
+        if not isinstance(told, dict):
+            raise ValueError("its description is no object")
+    except (OSError, ValueError, RecursionError, struct.error) as error:
         raise InputError(
             "The file is no GLB.", file=path, found=str(error), fix="export the surface again"
         ) from error

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.formats.whole_file import require_regular
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ class IndexedFormat:
         InputError
             Not such a file, of another version, shorter than it says, or damaged.
         """
+        require_regular(path)
         try:
             with open(path, "rb") as file:
                 start = file.read(self.header.itemsize)

@@ -20,6 +20,7 @@ from workbench.errors import InputError
 from workbench.formats.las_layout import COLOR_AT, LasLayout, las_layout, refused
 from workbench.formats.point_attributes import eight_bits, unit_normals
 from workbench.formats.point_stream import BATCH_POINTS
+from workbench.formats.whole_file import require_regular
 from workbench.geometry.point_set import PointSet
 
 _NORMALS = (("NormalX", "NormalY", "NormalZ"), ("nx", "ny", "nz"))
@@ -60,6 +61,7 @@ def las_batches(path: Path) -> Iterator[PointSet]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[BinaryIO]:
+    require_regular(path)
     try:
         file = open(path, "rb")  # noqa: SIM115  # closed below, once it could be opened
     except OSError as error:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.formats.picture_file import require_pixels_fit
 
 _FULL = 65535
 _STRIP_ROWS = 64
@@ -79,6 +80,10 @@ def read_linear_tiff(path: Path) -> LinearPicture:
         with tifffile.TiffFile(path) as file:
             page = file.pages.first
             told = json.loads(page.tags["ImageDescription"].value)
+            size = path.stat().st_size
+            require_pixels_fit(page.nbytes, 8, size)
+            if sum(page.databytecounts) > size:
+                raise ValueError("its pixels are missing")
             digital = page.asarray()
             scale, space = float(told["scale"]), str(told["space"])
             profile = page.tags["InterColorProfile"].value

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from workbench.formats.picture_file import opened_picture
+
 
 def read_mask_png(path: Path) -> NDArray[np.uint8]:
     """A mask, (h, w) uint8 of 0 and 255.
@@ -18,9 +20,9 @@ def read_mask_png(path: Path) -> NDArray[np.uint8]:
     Raises
     ------
     OSError, ValueError, SyntaxError
-        When the file is no picture.
+        When the file is no picture, or declares more pixels than it can hold.
     """
-    with Image.open(path) as opened:
+    with opened_picture(path) as opened:
         grey = np.asarray(opened.convert("RGB").convert("L"), np.uint8)
     return np.where(grey > 127, 255, 0).astype(np.uint8)
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.formats.photo_reading import PLAIN_SUFFIXES, QUARTER_TURNS, readable
+from workbench.formats.photo_reading import PLAIN_SUFFIXES, QUARTER_TURNS, opened_raw, readable
+from workbench.formats.picture_file import opened_picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -36,11 +37,11 @@ def read_preview(path: Path, long_side_px: int) -> NDArray[np.uint8]:
     InputError
         When the file cannot be read, with its name.
     """
-    from PIL import Image, ImageOps
+    from PIL import ImageOps
 
     with readable(path):
         if path.suffix.lower() in PLAIN_SUFFIXES:
-            with Image.open(path) as opened:
+            with opened_picture(path) as opened:
                 opened.draft("RGB", (2 * long_side_px, 2 * long_side_px))
                 picture = ImageOps.exif_transpose(opened)
                 return _reduced(picture.convert("RGB"), long_side_px)
@@ -48,10 +49,9 @@ def read_preview(path: Path, long_side_px: int) -> NDArray[np.uint8]:
 
 
 def _raw_preview(path: Path, long_side_px: int) -> Image:
-    import rawpy
     from PIL import Image
 
-    with rawpy.imread(str(path)) as raw:
+    with opened_raw(path) as raw:
         inside = _picture_inside(raw)
         if inside is not None and max(inside.size) >= long_side_px:
             turns = QUARTER_TURNS.get(raw.sizes.flip, 0)

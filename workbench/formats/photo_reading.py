@@ -8,11 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.formats.picture_file import opened_picture, require_pixels_fit
+from workbench.formats.whole_file import require_regular
 
 PLAIN_SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff"))
 # LibRaw's word for how the camera was held → counter-clockwise turns by 90°.
@@ -39,13 +42,13 @@ def read_photo(path: Path) -> NDArray[np.uint8]:
     """
     with readable(path):
         if path.suffix.lower() in PLAIN_SUFFIXES:
-            from PIL import Image, ImageOps
+            from PIL import ImageOps
 
-            with Image.open(path) as opened:
+            with opened_picture(path) as opened:
                 return np.asarray(ImageOps.exif_transpose(opened).convert("RGB"), np.uint8)
-        import rawpy
+        with opened_raw(path) as raw:
+            import rawpy
 
-        with rawpy.imread(str(path)) as raw:
             # Linear interpolation of the mosaic: a mask needs no better, and it is quick.
             developed = raw.postprocess(
                 demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
@@ -65,18 +68,32 @@ def photo_size(path: Path) -> tuple[int, int]:
     """
     with readable(path):
         if path.suffix.lower() in PLAIN_SUFFIXES:
-            from PIL import Image
-
-            with Image.open(path) as opened:
+            with opened_picture(path) as opened:
                 width, height = opened.size
                 on_its_side = opened.getexif().get(_EXIF_ORIENTATION, 1) in _LIES_ON_ITS_SIDE
         else:
-            import rawpy
-
-            with rawpy.imread(str(path)) as raw:
+            with opened_raw(path) as raw:
                 width, height = raw.sizes.width, raw.sizes.height
                 on_its_side = QUARTER_TURNS.get(raw.sizes.flip, 0) % 2 == 1
     return (height, width) if on_its_side else (width, height)
+
+
+@contextmanager
+def opened_raw(path: Path) -> Iterator[Any]:
+    """A RAW file as LibRaw opens it, none of its photosites read yet.
+
+    Raises
+    ------
+    OSError, rawpy.LibRawError
+        The file is none, or declares more photosites than it can hold.
+    """
+    import rawpy
+
+    require_regular(path)
+    with rawpy.imread(str(path)) as raw:
+        sizes = raw.sizes
+        require_pixels_fit(sizes.raw_width * sizes.raw_height, 16, path.stat().st_size)
+        yield raw
 
 
 @contextmanager

@@ -2,9 +2,33 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from pathlib import Path
 
 from workbench.errors import InputError
+
+
+def require_regular(path: Path) -> None:
+    """Refuse pipes and devices, which may never end, before they are opened.
+
+    What is not there, or is a folder, is left to whoever opens it.
+
+    Raises
+    ------
+    InputError
+        It is such a thing.
+    """
+    try:
+        kind = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        raise InputError(
+            "This is a pipe or a device, not a file.",
+            file=path,
+            fix="Copy what it gives into a file, and name that.",
+        )
 
 
 def whole_file(path: Path) -> bytes:
@@ -13,9 +37,10 @@ def whole_file(path: Path) -> bytes:
     Raises
     ------
     InputError
-        The file is absent, is a folder, may not be read, is empty, or is larger than the
-        memory.
+        The file is absent, is a folder or a device, may not be read, is empty, or is larger
+        than the memory.
     """
+    require_regular(path)
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:

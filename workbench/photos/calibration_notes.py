@@ -10,6 +10,7 @@ from pathlib import Path
 from workbench.errors import InputError
 
 _FLAT = "flat"
+_FARTHEST_M = 1e6
 _EXAMPLE = '[distances_m]\n"linearity_00.dng" = 1.9'
 
 
@@ -52,11 +53,11 @@ def read_calibration_notes(paths: Iterable[Path], known: Iterable[str]) -> Calib
     for path in paths:
         try:
             document = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        except (ValueError, RecursionError, OSError) as error:
             raise InputError(
                 "The notes on calibration cannot be read",
                 file=path,
-                found=str(error),
+                found=str(error)[:200],
                 expected=_EXAMPLE,
                 fix="correct the file",
             ) from error
@@ -65,7 +66,7 @@ def read_calibration_notes(paths: Iterable[Path], known: Iterable[str]) -> Calib
         sound = (
             document.keys() <= {"distances_m", "flat"}
             and isinstance(told, dict)
-            and all(isinstance(d, int | float) and d > 0 for d in told.values())
+            and all(isinstance(d, int | float) and 0 < d < _FARTHEST_M for d in told.values())
             and isinstance(listed, list)
         )
         if not sound:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.icc_profile import MatrixProfile, read_matrix_profile, srgb_profile
-from workbench.formats.photo_reading import PLAIN_SUFFIXES, QUARTER_TURNS, readable
+from workbench.formats.photo_reading import PLAIN_SUFFIXES, QUARTER_TURNS, opened_raw, readable
+from workbench.formats.picture_file import opened_picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -93,7 +94,7 @@ def read_linear(path: Path, demosaic: Demosaic = "dht", *, half_size: bool = Fal
             return _halved(photo) if half_size else photo
         import rawpy
 
-        with rawpy.imread(str(path)) as raw:
+        with opened_raw(path) as raw:
             if raw.raw_type == rawpy.RawType.Flat:
                 return _developed(raw, raw.raw_image_visible, demosaic, half_size)
             # All colours at every photosite: LibRaw has nothing to interpolate or to halve.
@@ -203,9 +204,7 @@ def _usable(
 
 
 def _read_picture(path: Path) -> LinearPhoto:
-    from PIL import Image
-
-    with Image.open(path) as opened:
+    with opened_picture(path) as opened:
         opened.load()
         orientation = int(opened.getexif().get(_EXIF_ORIENTATION, 1))
         embedded = opened.info.get("icc_profile")

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from workbench.formats.photo_reading import PLAIN_SUFFIXES, readable
+from workbench.formats.photo_reading import PLAIN_SUFFIXES, opened_raw, readable
 
 _FIRED = 1
 # Canon's CRW files keep their EXIF in a small picture beside them.
@@ -102,7 +102,9 @@ def _facts(tags: dict[str, Any]) -> PhotoFacts:
     per_unit = _number(tags, "FocalPlaneXResolution")
     pitch = _MM_PER_UNIT.get(int(unit or 2), 25.4) / per_unit if per_unit else None
     make, model = _text(tags, "Make"), _text(tags, "Model")
-    camera = model if make and model and model.startswith(make.split()[0]) else None
+    # A maker of blanks has no first word.
+    brand = (make or "").split()[:1]
+    camera = model if brand and model and model.startswith(brand[0]) else None
     return PhotoFacts(
         camera=camera or " ".join(part for part in (make, model) if part) or None,
         lens=_text(tags, "LensModel"),
@@ -145,9 +147,7 @@ def _complete(facts: PhotoFacts) -> bool:
 
 def _completed(facts: PhotoFacts, path: Path) -> PhotoFacts:
     """With what LibRaw finds in makers' own notes, where EXIF does not tell."""
-    import rawpy
-
-    with readable(path), rawpy.imread(str(path)) as raw:
+    with readable(path), opened_raw(path) as raw:
         other, lens = raw.other, raw.lens
         return replace(
             facts,
