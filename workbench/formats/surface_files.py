@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
@@ -15,7 +14,7 @@ from workbench.formats.atomic import replacing
 from workbench.formats.gltf import srgb_from_linear, write_surface_glb
 from workbench.formats.ply import ListColumn, PlyElement, PlyFile, read_ply, write_ply
 from workbench.formats.scan_reading import eight_bit_color
-from workbench.formats.whole_file import whole_file
+from workbench.formats.scene_file import read_scene
 from workbench.geometry.mesh import TriangleMesh
 
 __all__ = ["read_surface", "write_surface_glb", "write_surface_obj", "write_surface_ply"]
@@ -244,16 +243,9 @@ def _fans(corners: ListColumn, path: Path) -> NDArray[np.int32]:
 
 
 def _from_trimesh(path: Path, suffix: str) -> TriangleMesh:
-    whole_file(path)
+    scene = read_scene(path, pictures=False)
     try:
-        # OBJ materials may point to pictures anywhere; a surface needs none of them.
-        options = {"skip_materials": True} if suffix == ".obj" else {}
-        scene = trimesh.load_scene(path, process=False, **options)
-        parts = [
-            _part(scene.geometry[name], np.asarray(world_from_node, np.float64), suffix)
-            for world_from_node, name in map(scene.graph.get, scene.graph.nodes_geometry)
-            if isinstance(scene.geometry[name], trimesh.Trimesh)
-        ]
+        parts = [_part(part, world_from_node, suffix) for part, world_from_node in scene.parts]
     except Exception as error:
         # The library throws whatever its parsers run into; all of it means a bad file.
         raise _refused(

@@ -6,20 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.gltf import srgb_from_linear
+from workbench.formats.picture_file import require_pixels_fit
+from workbench.formats.scene_file import read_scene, scene_refused
 from workbench.formats.surface_files import read_surface
-from workbench.formats.whole_file import whole_file
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.surface_texture import SurfaceTexture
 from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
 
 _WITH_PICTURES = (".glb", ".gltf", ".obj")
 _PLAIN = (200, 200, 200)
-_FIX = "Check the file; the program that wrote it may offer another format."
 
 
 def read_textured_surface(path: Path) -> tuple[TriangleMesh, SurfaceTexture | None]:
@@ -46,31 +45,28 @@ def read_textured_surface(path: Path) -> tuple[TriangleMesh, SurfaceTexture | No
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix in _WITH_PICTURES:
-        parts = _parts(path)
-        if any(_picture(part) is not None for part, _ in parts):
-            return _joined(path, parts)
-    return (_plain(path, parts), None) if suffix == ".gltf" else (read_surface(path), None)
-
-
-def _parts(path: Path) -> list[tuple[Any, NDArray[np.float64]]]:
-    """Meshes of a file and where they stand."""
-    whole_file(path)
+    if suffix not in _WITH_PICTURES:
+        return read_surface(path), None
+    scene = read_scene(path, pictures=True)
     try:
-        scene = trimesh.load_scene(path, process=False)
-        return [
-            (scene.geometry[name], np.asarray(world_from_node, np.float64))
-            for world_from_node, name in map(scene.graph.get, scene.graph.nodes_geometry)
-            if isinstance(scene.geometry[name], trimesh.Trimesh)
-        ]
+        pictures = [_picture(part, scene.file_bytes) for part, _ in scene.parts]
+        if any(picture is not None for picture in pictures):
+            return _joined(path, scene.parts, pictures)
+        if suffix == ".gltf":
+            return _plain(path, scene.parts), None
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise scene_refused(path, error.message, error.found or "") from error
     except Exception as error:
-        # The library throws whatever its parsers run into; all of it means a bad file.
-        raise _refused(
+        # Parts of materials that make no sense, pictures that end early.
+        raise scene_refused(
             path, "The surface cannot be read.", f"{type(error).__name__}: {error}"[:200]
         ) from error
+    return read_surface(path), None
 
 
-def _picture(part: Any) -> NDArray[np.uint8] | None:
+def _picture(part: Any, file_bytes: int) -> NDArray[np.uint8] | None:
     """The picture (h, w, 3) of a part, None where it has none."""
     if getattr(part.visual, "uv", None) is None:
         return None
@@ -79,6 +75,7 @@ def _picture(part: Any) -> NDArray[np.uint8] | None:
     stored = stored if stored is not None else getattr(material, "image", None)
     if stored is None:
         return None
+    require_pixels_fit(stored.width * stored.height, 1, file_bytes)
     picture = np.array(stored.convert("RGB"), np.uint8)
     factor = getattr(material, "baseColorFactor", None)
     if factor is None:
@@ -88,20 +85,21 @@ def _picture(part: Any) -> NDArray[np.uint8] | None:
 
 
 def _joined(
-    path: Path, parts: list[tuple[Any, NDArray[np.float64]]]
+    path: Path,
+    parts: list[tuple[Any, NDArray[np.float64]]],
+    found: list[NDArray[np.uint8] | None],
 ) -> tuple[TriangleMesh, SurfaceTexture]:
     """One mesh of all parts, a picture each."""
     pictures, places = [], []
-    for part, _ in parts:
-        picture = _picture(part)
+    for (part, _), picture in zip(parts, found, strict=True):
         if picture is None:
             color = getattr(getattr(part.visual, "material", None), "main_color", _PLAIN)
-            picture = np.array(color, np.uint8)[:3].reshape(1, 1, 3)
+            pictures.append(np.array(color, np.uint8)[:3].reshape(1, 1, 3))
             places.append(np.full((len(part.vertices), 2), 0.5))
         else:
             # The library's places run upwards.
             places.append(np.asarray(part.visual.uv, np.float64) * [1.0, -1.0] + [0.0, 1.0])
-        pictures.append(picture)
+            pictures.append(picture)
     mesh = _plain(path, parts)
     sizes = [len(part.faces) for part, _ in parts]
     texture = SurfaceTexture(
@@ -119,18 +117,16 @@ def _plain(path: Path, parts: list[tuple[Any, NDArray[np.float64]]]) -> Triangle
         linear_part = world_from_node[:3, :3]
         faces = np.asarray(part.faces, np.int64).reshape(-1, 3)
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(part.vertices):
-            raise _refused(path, "A triangle names a vertex that does not exist.", "")
+            raise scene_refused(path, "A triangle names a vertex that does not exist.", "")
         triangles.append(start + (faces[:, ::-1] if np.linalg.det(linear_part) < 0 else faces))
         vertices.append(np.asarray(part.vertices) @ linear_part.T + world_from_node[:3, 3])
         start += len(part.vertices)
     mesh = TriangleMesh(np.concatenate(vertices), np.concatenate(triangles).astype(np.int32))
     if not len(mesh.triangles):
-        raise _refused(path, "The surface has no triangles.", f"{len(mesh.vertices)} vertices")
+        raise scene_refused(path, "The surface has no triangles.", f"{len(mesh.vertices)} vertices")
     wrong = int((~np.isfinite(mesh.vertices)).any(axis=1).sum())
     if wrong:
-        raise _refused(path, "The surface has vertices that are not finite.", f"{wrong} of {start}")
+        raise scene_refused(
+            path, "The surface has vertices that are not finite.", f"{wrong} of {start}"
+        )
     return mesh
-
-
-def _refused(path: Path, message: str, found: str) -> InputError:
-    return InputError(message, file=path, found=found, fix=_FIX)
