@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from workbench.errors import InputError
-from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel
+from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel, checked_sides
 from workbench.formats.whole_file import whole_file
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.similarity import Similarity
@@ -30,6 +30,7 @@ _TERMS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2")
 # A lens that COLMAP's models cannot follow this closely is refused.
 _WORST_MISFIT_PX = 0.25
 _GRID = 15
+_EXPORT_AGAIN = "Export the cameras again: File > Export > Export Cameras."
 
 
 def read_agisoft(path: Path) -> ColmapModel:
@@ -96,7 +97,8 @@ def read_agisoft(path: Path) -> ColmapModel:
             "The exported cameras cannot be read.",
             file=path,
             where=where,
-            found=f"no {error}" if isinstance(error, KeyError) else str(error),
+            found=f"no {error}" if isinstance(error, KeyError) else str(error)[:200],
+            fix=_EXPORT_AGAIN,
         ) from None
     return ColmapModel(cameras, images)
 
@@ -114,7 +116,9 @@ def _tree(path: Path) -> ElementTree.Element:
         check.Parse(data, True)
         return ElementTree.fromstring(data)
     except (expat.ExpatError, ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError("This file is no proper XML.", file=path, found=str(error)) from None
+        raise InputError(
+            "This file is no proper XML.", file=path, found=str(error), fix=_EXPORT_AGAIN
+        ) from None
 
 
 def _components(chunk: ElementTree.Element) -> dict[str | None, Similarity]:
@@ -160,9 +164,7 @@ def _lens(number: int, sensor: ElementTree.Element) -> ColmapCamera:
     resolution = sensor.find("resolution") if resolution is None else resolution
     if resolution is None:
         raise ValueError("it has no resolution")
-    width, height = int(resolution.attrib["width"]), int(resolution.attrib["height"])
-    if min(width, height) < 1:
-        raise ValueError(f"a picture of {width} × {height} pixels")
+    width, height = checked_sides(int(resolution.attrib["width"]), int(resolution.attrib["height"]))
     terms = dict.fromkeys(_TERMS, 0.0)
     for term in _TERMS:
         element = calibration.find(term)

@@ -19,6 +19,7 @@ from workbench.formats.whole_file import whole_file
 from workbench.geometry.transforms import is_rigid, nearest_rigid, rigid
 
 _HEADER = "# Bundle file v0.3"
+_EXPORT_AGAIN = "Copy the file again, or export it anew as Bundler v0.3."
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
@@ -33,7 +34,9 @@ def read_bundler_list(path: Path) -> list[str]:
     try:
         text = whole_file(path).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError("This file is no text.", file=path, found=str(error)) from None
+        raise InputError(
+            "This file is no text.", file=path, found=str(error), fix=_EXPORT_AGAIN
+        ) from None
     return [
         PurePosixPath(line.split()[0].replace("\\", "/")).name
         for line in text.splitlines()
@@ -136,6 +139,7 @@ class _Words:
                 file=path,
                 expected=_HEADER,
                 found=repr(data[:20]),
+                fix=_EXPORT_AGAIN,
             )
         self._words = data[len(_HEADER) :].split()
         self._at = 0
@@ -165,5 +169,6 @@ class _Words:
             file=self._path,
             where=where,
             expected=expected,
-            found=found,
+            found=found[:200],
+            fix=_EXPORT_AGAIN,
         )

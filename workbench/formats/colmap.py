@@ -35,6 +35,10 @@ PARAMETER_COUNTS = {
     "THIN_PRISM_FISHEYE": 12,
 }
 NO_POINT = -1
+LARGEST_SIDE_PX = 1 << 20
+"""No picture is taken for wider or higher."""
+
+_EXPORT_AGAIN = "Correct that line, or export the model again."
 
 _Item = TypeVar("_Item")
 
@@ -213,9 +217,17 @@ def check_cameras_are_there(
                 "An image refers to a camera that is not there.",
                 file=file,
                 where=f"image {image.image_id} ({image.name})",
-                expected="one of " + ", ".join(map(str, cameras)),
+                expected="one of " + ", ".join(map(str, list(cameras)[:20])),
                 found=str(image.camera_id),
+                fix=_EXPORT_AGAIN,
             )
+
+
+def checked_sides(width: int, height: int) -> tuple[int, int]:
+    """Width and height of a picture, pixels; ValueError where none can be of that size."""
+    if not (1 <= width <= LARGEST_SIDE_PX and 1 <= height <= LARGEST_SIDE_PX):
+        raise ValueError(f"a picture of {width:.6g} × {height:.6g} pixels")
+    return width, height
 
 
 def _digits(value: float) -> str:
@@ -262,7 +274,13 @@ def _unique(
             fix="Export the model as text: colmap model_converter --output_type TXT.",
         ) from None
     except UnicodeDecodeError as error:
-        raise InputError("This file is no text.", file=path, found=str(error)) from None
+        raise InputError(
+            "This file is no text.", file=path, found=str(error), fix=_EXPORT_AGAIN
+        ) from None
+    except OSError as error:
+        raise InputError(
+            "The file cannot be read.", file=path, found=str(error), fix="Check its permissions."
+        ) from error
     numbered = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
@@ -280,16 +298,21 @@ def _unique(
         texts = [line for _, line in group] + [""] * (lines_each - len(group))
         try:
             item = parse(texts)
-        except (ValueError, IndexError) as error:
+        except (ValueError, IndexError, OverflowError) as error:
             raise InputError(
                 "A line of the COLMAP model cannot be read.",
                 file=path,
                 where=where,
                 found=f"{group[0][1][:80]!r}: {error}",
+                fix=_EXPORT_AGAIN,
             ) from None
         if identifier(item) in seen:
             raise InputError(
-                "An identifier comes twice.", file=path, where=where, found=str(identifier(item))
+                "An identifier comes twice.",
+                file=path,
+                where=where,
+                found=str(identifier(item)),
+                fix=_EXPORT_AGAIN,
             )
         seen.add(identifier(item))
         yield item
@@ -302,7 +325,8 @@ def _camera(lines: list[str]) -> ColmapCamera:
     if len(params) != PARAMETER_COUNTS[model]:
         raise ValueError(f"{model} has {PARAMETER_COUNTS[model]} parameters, not {len(params)}")
     numbers = tuple(_finite(params).tolist())
-    return ColmapCamera(int(identifier), model, int(width), int(height), numbers)
+    sides = checked_sides(int(width), int(height))
+    return ColmapCamera(int(identifier), model, *sides, numbers)
 
 
 def _image(lines: list[str]) -> ColmapImage:

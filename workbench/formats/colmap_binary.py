@@ -25,6 +25,7 @@ from workbench.formats.colmap import (
     ColmapModel,
     ColmapPoint,
     check_cameras_are_there,
+    checked_sides,
 )
 from workbench.formats.whole_file import whole_file
 from workbench.geometry import transforms
@@ -148,7 +149,8 @@ def _camera(data: _Bytes) -> tuple[int, ColmapCamera]:
     if not 0 <= model < len(MODELS):
         raise ValueError(f"unknown camera model {model}")
     params = data.finite(PARAMETER_COUNTS[MODELS[model]])
-    return identifier, ColmapCamera(identifier, MODELS[model], width, height, params)
+    sides = checked_sides(width, height)
+    return identifier, ColmapCamera(identifier, MODELS[model], *sides, params)
 
 
 def _image(data: _Bytes) -> tuple[int, ColmapImage]:

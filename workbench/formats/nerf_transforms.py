@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from workbench.errors import InputError
-from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel
+from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel, checked_sides
 from workbench.formats.whole_file import whole_file
 from workbench.geometry.transforms import inverse, is_rigid, nearest_rigid
 
+_EXPORT_AGAIN = "Correct the file, or export the cameras again."
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _FISHEYE = "OPENCV_FISHEYE"
 _FRAME_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
@@ -48,11 +49,17 @@ def read_nerf_transforms(
     try:
         content = json.loads(whole_file(path))
     except (ValueError, RecursionError) as error:
-        raise InputError("This file is no JSON.", file=path, found=str(error)[:200]) from None
+        raise InputError(
+            "This file is no JSON.", file=path, found=str(error)[:200], fix=_EXPORT_AGAIN
+        ) from None
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
         raise InputError(
-            "This file has no frames.", file=path, expected='{"frames": [...]}', found="none"
+            "This file has no frames.",
+            file=path,
+            expected='{"frames": [...]}',
+            found="none",
+            fix=_EXPORT_AGAIN,
         )
     lenses: dict[tuple[Any, ...], int] = {}
     cameras: dict[int, ColmapCamera] = {}
@@ -71,7 +78,8 @@ def read_nerf_transforms(
                 "A frame cannot be read.",
                 file=path,
                 where=f"frame {number}",
-                found=f"no {error}" if isinstance(error, KeyError) else str(error),
+                found=f"no {error}" if isinstance(error, KeyError) else str(error)[:200],
+                fix=_EXPORT_AGAIN,
             ) from None
         camera = lenses.setdefault((model, width, height, params), len(lenses) + 1)
         cameras[camera] = ColmapCamera(camera, model, width, height, params)
@@ -90,8 +98,9 @@ def _lens(
 ) -> tuple[str, int, int, tuple[float, ...]]:
     """COLMAP's model, width, height and parameters of a frame."""
     width, height = (_number(side) for side in size)
-    if not (width.is_integer() and height.is_integer() and min(width, height) >= 1):
+    if not (width.is_integer() and height.is_integer()):
         raise ValueError(f"a picture of {width} × {height} pixels")
+    checked_sides(int(width), int(height))
     model = values.get("camera_model", "OPENCV")
     if values.get("is_fisheye"):
         model = _FISHEYE

@@ -58,7 +58,12 @@ def read_orientations(path: Path, photos: Sequence[Path]) -> ColmapModel:
         photo = by_name.photo_of(image.name, source)
         if photo is not None:
             if photo in named.values():
-                raise InputError("A photograph is oriented twice.", file=source, where=image.name)
+                raise InputError(
+                    "A photograph is oriented twice.",
+                    file=source,
+                    where=image.name,
+                    fix="Remove one of the two, or rename the photographs so that they differ.",
+                )
             named[number] = photo
     if not named:
         raise InputError(
@@ -120,6 +125,7 @@ def _read(path: Path, photos: Sequence[Path], by_name: _Names) -> tuple[Path, Co
                 file=path,
                 expected=_KINDS,
                 found=", ".join(file.name for file in files) or "none of these",
+                fix="Name the file itself, or leave one of them there.",
             )
         return _read(files[0], photos, by_name)
     if path.name in (colmap.CAMERAS, colmap.IMAGES, colmap.POINTS):
@@ -149,6 +155,7 @@ def _read(path: Path, photos: Sequence[Path], by_name: _Names) -> tuple[Path, Co
         else "There is no such file or folder.",
         file=path,
         expected=_KINDS,
+        fix="Check the path, or export the orientation in one of these ways.",
     )
 
 

@@ -24,6 +24,9 @@ from workbench.geometry.similarity import Similarity, best_similarity
 
 _LEAST_PICKS = 3
 _WORLD = "world"
+# No coordinate and no pixel is beyond this.
+_LARGEST = 1e15
+_FIX = "Correct the file at that place."
 
 
 @dataclass(frozen=True)
@@ -72,15 +75,23 @@ def read_picks(path: Path, photos: Mapping[str, Path]) -> tuple[Pick, ...]:
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError("The file of places cannot be read", file=path, found=str(error)) from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(
+            "The file of places cannot be read", file=path, found=str(error)[:200], fix=_FIX
+        ) from None
     entries = table.get("points")
     if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
-        raise InputError("There are no places in it", file=path, expected="[[points]] tables")
+        raise InputError(
+            "There are no places in it", file=path, expected="[[points]] tables", fix=_FIX
+        )
     picks = tuple(_pick(entry, path, number, photos) for number, entry in enumerate(entries, 1))
     if len(picks) < _LEAST_PICKS:
         raise InputError(
-            "Too few places", file=path, expected="three, better five", found=str(len(picks))
+            "Too few places",
+            file=path,
+            expected="three, better five",
+            found=str(len(picks)),
+            fix="Pick more places, each in two photographs or more.",
         )
     return picks
 
@@ -127,10 +138,16 @@ def _pick(entry: Mapping[str, object], path: Path, number: int, photos: Mapping[
                 where=where,
                 expected="names without suffix, like " + ", ".join(list(photos)[:3]),
                 found=name,
+                fix=_FIX,
             )
         pixels[name] = _numbers(value, 2, path, f"{where}, {name}")
     if len(pixels) < 2:
-        raise InputError("A place must be shown by two photographs or more", file=path, where=where)
+        raise InputError(
+            "A place must be shown by two photographs or more",
+            file=path,
+            where=where,
+            fix="Pick it in another photograph, or leave the place out.",
+        )
     return Pick(world, pixels)
 
 
@@ -139,10 +156,11 @@ def _numbers(value: object, count: int, path: Path, where: str) -> NDArray[np.fl
         not isinstance(value, list)
         or len(value) != count
         or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
-        or not np.isfinite(value).all()
+        # By Python, which compares whole numbers of any length.
+        or not all(abs(v) < _LARGEST for v in value)
     ):
         raise InputError(
             "This is no place", file=path, where=where, expected=f"{count} numbers",
-            found=str(value),
+            found=str(value)[:200], fix=_FIX,
         )  # fmt: skip
     return np.array(value, float)
