@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.project.project import Project
+from workbench.project.store import require_inside
 from workbench.project.user_masks import (
     Role,
     Subject,
@@ -137,7 +138,7 @@ class MaskFiles:
         MaskChangedError
             When another mask is there by now; nothing is written then.
         InputError
-            When the folder cannot be written.
+            When the folder cannot be written, or a link leads out of the project.
         """
         path = self._user_mask(subject, role) or self._new_path(subject, role)
         with self._changing(subject, version, path) as before:
@@ -163,6 +164,7 @@ class MaskFiles:
     def _changing(self, subject: Subject, version: str, path: Path) -> Iterator[MaskState]:
         """Hold the masks against other editors, and see that this one is as expected."""
         folder = self._project.root / "masks"
+        require_inside(self._project.root, path.parent)
         try:
             folder.mkdir(exist_ok=True)
             with FileLock(folder / ".lock"):

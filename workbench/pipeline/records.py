@@ -38,7 +38,7 @@ class RecordFolder:
         """The last record; None where there is none or it cannot be read."""
         try:
             record = json.loads(self.project.store.path("records", self.stage).read_text("utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             return None
         return record if isinstance(record, dict) else None
 
@@ -87,7 +87,7 @@ class RecordFolder:
             note = json.loads(self._running.read_text(encoding="utf-8"))
         except OSError:
             return None
-        except ValueError:
+        except (ValueError, RecursionError):
             return {}
         return note if isinstance(note, dict) else {}
 
@@ -100,7 +100,7 @@ def _alive(note: dict[str, Any]) -> bool:
         # The start tells a process from a later one that was given the same number.
         same: bool = abs(process.create_time() - note["process_started"]) < 1.0
         return same and bool(process.status() != psutil.STATUS_ZOMBIE)
-    except (KeyError, TypeError, psutil.Error):
+    except (KeyError, TypeError, ValueError, OverflowError, psutil.Error):
         return False
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import stat
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -46,6 +48,8 @@ class FileHashes:
         """``blake2b:<hex>`` of the file's content."""
         try:
             status = path.stat()
+            if not stat.S_ISREG(status.st_mode):
+                raise OSError(errno.EINVAL, "a folder, a pipe or a device, not a file")
             stamp = [status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns]
             key = os.path.relpath(path, self._root)
             known = self._memory.get(key)
@@ -84,7 +88,7 @@ class FileHashes:
 def _remembered(memory: Path) -> dict[str, list[Any]]:
     try:
         loaded = json.loads(memory.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(loaded, dict):
         return {}

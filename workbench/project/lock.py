@@ -63,5 +63,5 @@ def _holder(note: Path) -> str:
     try:
         held = json.loads(note.read_text(encoding="utf-8"))
         return f"process {held['pid']} on {held['host']}, since {held['started']}"
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, RecursionError, KeyError, TypeError):
         return "a process that left no note"

@@ -10,8 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
+from workbench.project.artefacts import ARTEFACTS
 from workbench.project.project import Project
+from workbench.project.store import is_file_name
 from workbench.project.user_masks import Subject
+
+# No scanner has more, and a mask is made room for before any of it is there.
+_MOST_CELLS = 1 << 29
 
 
 def mask_subjects(project: Project) -> tuple[Subject, ...]:
@@ -24,10 +29,11 @@ def mask_subjects(project: Project) -> tuple[Subject, ...]:
     InputError
         When a photograph cannot be read, or two share a name.
     """
-    inventory = (
-        project.store.load("scan_inventory") if project.store.exists("scan_inventory") else {}
-    )
-    return subjects_of(inventory, project.photo_files)
+    if not project.store.exists("scan_inventory"):
+        return photo_subjects(project.photo_files)
+    inventory = project.store.load("scan_inventory")
+    file = project.store.path("scan_inventory")
+    return (*scan_subjects(inventory, file), *photo_subjects(project.photo_files))
 
 
 def subjects_of(inventory: Mapping[str, Any], files: Sequence[Path]) -> tuple[Subject, ...]:
@@ -41,12 +47,38 @@ def subjects_of(inventory: Mapping[str, Any], files: Sequence[Path]) -> tuple[Su
     return (*scan_subjects(inventory), *photo_subjects(files))
 
 
-def scan_subjects(inventory: Mapping[str, Any]) -> tuple[Subject, ...]:
-    """The range maps of a scan inventory; those without a grid have no size."""
-    return tuple(
-        Subject("scan", entry["name"], entry["file"], _turned(entry["grid"]))
-        for entry in inventory.get("scans", ())
-    )
+def scan_subjects(inventory: Mapping[str, Any], file: Path | None = None) -> tuple[Subject, ...]:
+    """The range maps of a scan inventory; those without a grid have no size.
+
+    Parameters
+    ----------
+    file : where the inventory is from, for the error.
+
+    Raises
+    ------
+    InputError
+        It is none: masks are written by these names, which must not lead elsewhere.
+    """
+    try:
+        return tuple(_scan_subject(entry) for entry in inventory.get("scans", ()))
+    except (AttributeError, KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
+        raise InputError(
+            "The inventory of scans is damaged",
+            file=file or ARTEFACTS["scan_inventory"].path,
+            found=f"{type(error).__name__}: {error}"[:200],
+            fix="run ingest again with --force",
+        ) from error
+
+
+def _scan_subject(entry: Mapping[str, Any]) -> Subject:
+    name, scan_file, grid = entry["name"], entry["file"], entry["grid"]
+    for text in (name, scan_file):
+        if not (isinstance(text, str) and is_file_name(text)):
+            raise ValueError(f"{text!r} is no name of a file")
+    size = _turned(grid)
+    if size is not None and (min(size) < 0 or size[0] * size[1] > _MOST_CELLS):
+        raise ValueError(f"a grid of {size[0]} × {size[1]} cells")
+    return Subject("scan", name, scan_file, size)
 
 
 def photo_subjects(files: Sequence[Path]) -> tuple[Subject, ...]:

@@ -209,21 +209,29 @@ class Project:
             inventory = self.store.load("scan_inventory")
         except InputError:
             return None  # not there, or damaged: `ingest` will make it again
-        told = [entry.get("reflectance_populations") for entry in inventory.get("scans", ())]
-        return max((count for count in told if count), default=None)
+        try:
+            told = [entry.get("reflectance_populations") for entry in inventory.get("scans", ())]
+            return max((int(count) for count in told if count), default=None)
+        except (AttributeError, TypeError, ValueError, OverflowError):
+            return None  # likewise
 
     def settings(self, overrides: StageSettings | None = None) -> StageSettings:
         """Preset, project file and ``overrides`` merged."""
         own = {stage: dict(table) for stage, table in self.file.stages.items()}
-        return merged([load_preset(self.file.preset), own, overrides or {}])
+        preset = load_preset(self.file.preset, self.root / PROJECT_FILE)
+        return merged([preset, own, overrides or {}])
 
     def _input_path(self, entry: str) -> Path:
-        path = absolute(self.root / entry)
-        if not path.exists():
+        try:
+            path = absolute(self.root / entry)
+            there = path.exists()
+        except (OSError, ValueError):  # no name a file can have
+            path, there = self.root / PROJECT_FILE, False
+        if not there:
             raise InputError(
                 "An input of the project is not there",
                 file=path,
-                found=f"project.toml names {entry!r}",
+                found=f"project.toml names {entry[:200]!r}",
                 fix="put it back, or correct [inputs] in project.toml "
                 "(a moved project keeps its inputs relative to itself; --copy takes them along)",
             )

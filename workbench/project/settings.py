@@ -52,12 +52,13 @@ def presets() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-def load_preset(name: str) -> StageSettings:
-    """The stage tables of a preset."""
+def load_preset(name: str, named_by: Path | None = None) -> StageSettings:
+    """The stage tables of a preset, which a file names."""
     known = presets()
     if name not in known:
         raise SettingsError(
-            f"There is no preset {name!r}",
+            f"There is no preset {name[:80]!r}",
+            file=named_by,
             expected=", ".join(known),
             fix=suggestion(name, known) or "choose one of the expected names",
         )
@@ -76,9 +77,12 @@ def read_toml(path: Path) -> dict[str, Any]:
     """A TOML file as plain data; broken ones raise with the line."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # of numbers of thousands of digits, too
         raise SettingsError(
-            "Not valid TOML", file=path, found=str(error), fix="correct the file at that place"
+            "Not valid TOML",
+            file=path,
+            found=str(error)[:200],
+            fix="correct the file at that place",
         ) from error
     except OSError as error:
         raise SettingsError(
@@ -116,7 +120,7 @@ def parse_assignment(text: str, expected: str = "stage.option=value") -> dict[st
         )
     try:
         parsed: Any = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         parsed = value.strip()
     if not isinstance(parsed, bool | int | float | str | list | dict):
         parsed = value.strip()  # TOML knows dates; options do not

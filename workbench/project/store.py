@@ -46,6 +46,22 @@ _DAMAGE = (
 )
 
 
+class ItemNameError(InputError, ValueError):
+    """An item is called by what is no name of a file, as only damaged notes do."""
+
+    def __init__(self, artefact: str, item: str, root: Path) -> None:
+        super().__init__(
+            f"{artefact}: {item[:80]!r} cannot be the name of a file",
+            file=root / "work",
+            fix="run the stages again with --force",
+        )
+
+
+def is_file_name(text: str) -> bool:
+    """Whether a text names a file in a folder, and no other place."""
+    return text not in ("", ".", "..") and not any(sign in text for sign in "/\\\0")
+
+
 @dataclass(frozen=True)
 class ProductStore:
     """The artefacts below one project root."""
@@ -59,8 +75,8 @@ class ProductStore:
             raise ValueError(f"{name} is brought by the user and has no fixed place")
         if artefact.per_item != (item is not None):
             raise ValueError(f"{name}: item {'missing' if item is None else 'not expected'}")
-        if item is not None and (item in ("", ".", "..") or "/" in item):
-            raise ValueError(f"{name}: {item!r} cannot be the name of a file")
+        if item is not None and not is_file_name(item):
+            raise ItemNameError(name, item, self.root)
         return self.root / artefact.path.format(item=item)
 
     def items(self, name: str) -> tuple[str, ...]:
@@ -144,11 +160,36 @@ class ProductStore:
 
     @contextmanager
     def writing(self, name: str, item: str | None = None) -> Iterator[Path]:
-        """A temporary path that takes the artefact's place when the block ends well."""
+        """A temporary path that takes the artefact's place when the block ends well.
+
+        Raises
+        ------
+        InputError
+            A folder on the way is a link that leads out of the project.
+        """
         path = self.path(name, item)
+        require_inside(self.root, path.parent)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             yield temporary
+
+
+def require_inside(root: Path, folder: Path) -> None:
+    """Refuse a folder to write to that a link takes out of the project.
+
+    Raises
+    ------
+    InputError
+        It lies elsewhere.
+    """
+    place = folder.resolve()
+    if not place.is_relative_to(root.resolve()):
+        raise InputError(
+            "A folder of the project is a link that leads out of it: nothing is written there",
+            file=folder,
+            found=str(place),
+            fix="put a folder in its place, or move the whole project to where there is room",
+        )
 
 
 def _artefact(name: str) -> Artefact:
