@@ -14,7 +14,8 @@ osvdag     subtrees once that any of the cube's 48 turns and mirrors makes equal
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -67,6 +68,7 @@ class EncodedGraph:
         8 c + g is voxel g of child c, both numbered x + 2y + 4z.
     anchors : (k,) uint32, what near pointers of each 128 half-words are added to; empty but
         for osvdag, see `workbench.kernels.dag_near_words`.
+    source : the file it was read from, which errors name; None where it was made.
     """
 
     encoding: Encoding
@@ -77,6 +79,7 @@ class EncodedGraph:
     nodes: NDArray[Any]
     bricks: NDArray[np.uint64]
     anchors: NDArray[np.uint32]
+    source: Path | None = field(default=None, compare=False)
 
     @property
     def nbytes(self) -> int:

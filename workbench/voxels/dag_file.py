@@ -160,6 +160,8 @@ class _Sections:
         if not known or not COARSEST_LEVEL <= level <= FINEST_LEVEL:
             raise _refused(self._path, "The header makes no sense.", f"{head[:5]}")
         encoding = ENCODINGS[number]
+        if not (np.isfinite(head[5:9]).all() and head[8] > 0):
+            raise _refused(self._path, "The header makes no sense.", "a cube without a place")
         if turn >= TURNS_OF[encoding]:
             raise _refused(self._path, "The header makes no sense.", f"turn {turn} of the root")
         starts = self._taken(np.uint64, level + 1)
@@ -176,7 +178,9 @@ class _Sections:
             raise _refused(
                 self._path, "The file is too long.", f"{len(self._data) - self._at} bytes more"
             )
-        graph = EncodedGraph(encoding, level, voxels, turn, starts, nodes, bricks, anchors)
+        graph = EncodedGraph(
+            encoding, level, voxels, turn, starts, nodes, bricks, anchors, self._path
+        )
         return VoxelGraph(graph, VoxelGrid(np.array(head[5:8]), head[8], level), colors)
 
     def _colors(self, kind: int, palette_size: int, voxels: int) -> VoxelColors | None:

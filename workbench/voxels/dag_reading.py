@@ -25,6 +25,19 @@ def dag_of(graph: EncodedGraph) -> VoxelDag:
     InputError
         The words do not make a graph, or not one of as many voxels as are told.
     """
+    try:
+        return _checked_dag(graph)
+    except InputError as error:
+        raise InputError(
+            error.message,
+            file=graph.source,
+            expected=error.expected,
+            found=error.found,
+            fix=error.fix,
+        ) from error
+
+
+def _checked_dag(graph: EncodedGraph) -> VoxelDag:
     checked_level(graph.level)
     if graph.encoding == "svo":
         return reduced_dag(voxels_of_masks(graph.nodes, graph.level, graph.voxels), graph.level)

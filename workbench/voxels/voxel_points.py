@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from workbench.errors import InputError, SettingsError
@@ -22,6 +23,8 @@ from workbench.voxels.voxel_dag import COARSEST_LEVEL
 from workbench.voxels.voxel_set import VoxelGrid
 
 LOD_SUFFIX = ".vlod"
+# A code, and the middle it becomes.
+_BYTES_AT_WORK = 64
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,16 @@ def voxel_points(path: Path, level: int | None = None) -> VoxelPoints:
         )
     voxels = read_voxel_graph(path)
     _check_level(path, level, (voxels.grid.level,))
-    codes = DagWalk(dag_of(voxels.graph)).codes()
+    walk = DagWalk(dag_of(voxels.graph))
+    # A few nodes may stand for any number of voxels: that is what graphs are for.
+    if walk.voxel_count * _BYTES_AT_WORK > psutil.virtual_memory().available:
+        raise InputError(
+            "The voxels of the graph are more than the memory holds.",
+            file=path,
+            found=f"{walk.voxel_count:,} voxels",
+            fix="draw or trace the graph as it is, or make one of a lower resolution",
+        )
+    codes = walk.codes()
     colors = None if voxels.colors is None else voxels.colors.all()
     return VoxelPoints(voxels.grid, codes, None, colors)
 
