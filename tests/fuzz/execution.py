@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.fuzz.target import Target
-from workbench.errors import WorkbenchError
+from workbench.errors import SettingsError, WorkbenchError
 
 # By the kernel, whatever native code does: so long of a processor, or of the clock.
 _KILLED_AFTER_CPU_S, _KILLED_AFTER_S = 20.0, 120.0
@@ -61,7 +61,7 @@ def read_once(target: Target, folder: Path, packed: bytes, turn: int) -> Outcome
         outcome = Outcome("value")
         del value
     except WorkbenchError as error:
-        outcome = _judged(error, folder)
+        outcome = _judged(error, target, folder)
     except (KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # panics of libraries are no Exceptions
@@ -83,15 +83,18 @@ def read_once(target: Target, folder: Path, packed: bytes, turn: int) -> Outcome
     return outcome
 
 
-def _judged(error: WorkbenchError, folder: Path) -> Outcome:
+def _judged(error: WorkbenchError, target: Target, folder: Path) -> Outcome:
     where = _place_of(error)
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, MemoryError):
             return Outcome("memory", where, "".join(traceback.format_exception(error)))
         cause = cause.__cause__ or cause.__context__
-    lacks = [name for name in ("file", "fix") if not getattr(error, name)]
-    if not lacks and not Path(str(error.file)).is_relative_to(folder):
+    # Settings come from three places, of which the option's name tells enough.
+    needed = ("fix",) if isinstance(error, SettingsError) else ("file", "fix")
+    lacks = [name for name in needed if not getattr(error, name)]
+    named = Path(error.file or folder)
+    if not (target.names_elsewhere or named.is_relative_to(folder.parent)):
         lacks = ["a file that was given"]
     if lacks:
         told = "".join(traceback.format_exception(error))

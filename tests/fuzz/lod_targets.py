@@ -29,6 +29,7 @@ from workbench.voxels.dag_file import read_voxel_graph, write_voxel_graph
 from workbench.voxels.dag_reading import dag_of
 from workbench.voxels.lod_export import LodOptions, write_voxel_lod
 from workbench.voxels.lod_file import LodFile
+from workbench.voxels.voxel_points import voxel_points
 
 _VOXEL_PARTS = (
     ("offset", "stored", "crc"),
@@ -105,14 +106,14 @@ LOD_TARGETS = (
         "voxel-lod",
         ("input.vlod",),
         _lod_seeds,
-        (_lod_whole,),
+        (_lod_whole, lambda folder: voxel_points(folder / "input.vlod")),
         repaired_indexed(lod_layout.HEADER, lod_layout.NODE, _VOXEL_PARTS),
     ),
     Target(
         "voxel-graph",
         ("input.voxgraph",),
         _graph_seeds,
-        (_graph_whole,),
+        (_graph_whole, lambda folder: voxel_points(folder / "input.voxgraph").centers),
         repaired_graph,
     ),
     Target(

@@ -14,7 +14,6 @@ from PIL import Image
 from tests.fuzz.checksums import repaired_png
 from tests.fuzz.target import MIB, Reader, Target
 from tests.photos.conftest import METADATA
-from workbench.formats.color_png import read_color_png
 from workbench.formats.dng import write_dng
 from workbench.formats.icc_profile import linear_rgb_profile, read_matrix_profile, srgb_profile
 from workbench.formats.linear_tiff import LinearPicture, read_linear_tiff, write_linear_tiff
@@ -23,11 +22,12 @@ from workbench.formats.photo_preview import read_preview
 from workbench.formats.photo_reading import photo_size, read_photo
 from workbench.photos.decoding import read_linear
 from workbench.photos.exif import photo_facts
+from workbench.project.store import ProductStore
 from workbench.project.user_masks import read_mask
 
 _PROFILE = linear_rgb_profile(srgb_profile().xyz_d50_from_rgb, "Linear")
-# A photograph may unpack to this many times its file, and work on it takes copies.
-_PHOTO_MULTIPLE = 1024 * 16
+# Blank pictures of one bit a pixel unpack so far, and work on them takes so much a pixel.
+_PHOTO_MULTIPLE = 2048 * 8 * 48
 _SMALL = (12, 16)
 
 
@@ -116,6 +116,20 @@ def _photo_readers(name: str) -> tuple[Reader, ...]:
     return tuple(lambda folder, read=read: read(folder / name) for read in whole)  # type: ignore[misc]
 
 
+def _product(name: str) -> Reader:
+    """A product of a project that is a picture."""
+
+    def load(folder: Path) -> object:
+        store = ProductStore(folder)
+        path = store.path(name, "a")
+        if not path.is_symlink():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.symlink_to(folder / "input.png")
+        return store.load(name, "a")
+
+    return load
+
+
 def _profile_in(folder: Path) -> object:
     return read_matrix_profile((folder / "input.icc").read_bytes())
 
@@ -164,7 +178,8 @@ PHOTO_TARGETS = (
         _mask_seeds,
         (
             lambda folder: read_mask(folder / "input.png", (_SMALL[1], _SMALL[0])),
-            lambda folder: read_color_png(folder / "input.png"),
+            _product("texture_pages"),
+            _product("scan_masks"),
         ),
         repaired_png,
         memory_multiple=_PHOTO_MULTIPLE,

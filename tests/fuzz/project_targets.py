@@ -131,6 +131,7 @@ PROJECT_TARGETS = (
         ("project.toml",),
         lambda _: [(_PROJECT,), (_PLAIN_PROJECT,)],
         (_project_whole,),
+        names_elsewhere=True,
         before=_folder_of_project,
     ),
     Target(

@@ -29,6 +29,7 @@ class Target:
     memory_multiple, memory_bytes : reading may take so many times the files' size, and so
         much besides.
     seconds : of one processor that reading may take.
+    names_elsewhere : the files tell of others, which errors may name.
     before : makes what stands around the files.
     """
 
@@ -40,6 +41,7 @@ class Target:
     memory_multiple: float = 64.0
     memory_bytes: int = 24 * MIB
     seconds: float = 2.0
+    names_elsewhere: bool = False
     before: Callable[[Path], None] | None = None
 
     def place(self, folder: Path, packed: bytes) -> int:
