@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from workbench.errors import InputError
 from workbench.pages.mask_files import MaskChangedError, MaskFiles, MaskState
 from workbench.pages.mask_pictures import MaskPictures
-from workbench.pages.server import PageHandler, PageServer, static_files
+from workbench.pages.server import LARGEST_BODY_BYTES, PageHandler, PageServer, static_files
 from workbench.project.mask_subjects import mask_subjects
 from workbench.project.project import Project
 from workbench.project.user_masks import Role, Subject
@@ -159,7 +159,7 @@ class _PortHandler(_DeskHandler):
     """Opens a port the page was at before, where the browser kept unsaved drawings."""
 
     def post(self, token: str) -> None:
-        port = _field(self.request.body, "port")
+        port = _field(self.body, "port")
         if not isinstance(port, int) or not 1024 <= port < 65536:
             raise tornado.web.HTTPError(400)
         self.give_json({"url": self.server.listen(port)})
@@ -167,6 +167,7 @@ class _PortHandler(_DeskHandler):
 
 class _MaskHandler(_DeskHandler):
     state: MaskState | None = None
+    largest_body_bytes = LARGEST_BODY_BYTES
 
     async def get(self, token: str, kind: str, name: str) -> None:
         subject = self.desk.subject(kind, name)
@@ -181,7 +182,7 @@ class _MaskHandler(_DeskHandler):
         if subject.size is None or role not in get_args(Role):
             raise tornado.web.HTTPError(400)
         thread = self.desk.masking
-        mask = await self.in_thread(thread, _unpacked, self.request.body, subject.size)
+        mask = await self.in_thread(thread, _unpacked, self.body, subject.size)
         await self._change(self.desk.files.save, subject, mask, role)
 
     async def delete(self, token: str, kind: str, name: str) -> None:
@@ -227,7 +228,7 @@ class _RectangleHandler(_DeskHandler):
     """The object in a rectangle, as found by GrabCut; the mask inside the rectangle only."""
 
     async def post(self, token: str, kind: str, name: str) -> None:
-        rectangle = _field(self.request.body, "rectangle")
+        rectangle = _field(self.body, "rectangle")
         if not (
             isinstance(rectangle, list)
             and len(rectangle) == 4
@@ -253,7 +254,7 @@ class _RectangleHandler(_DeskHandler):
 def _field(body: bytes, name: str) -> Any:
     try:
         return json.loads(body)[name]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise tornado.web.HTTPError(400) from None
 
 

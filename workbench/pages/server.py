@@ -27,6 +27,10 @@ from workbench.errors import InputError, WorkbenchError
 
 ADDRESS = "127.0.0.1"
 LARGEST_BODY_BYTES = 64 * 2**20
+SMALL_BODY_BYTES = 64 * 2**10
+_LARGEST_HEAD_BYTES = 32 * 2**10
+# A browser at this machine sends at once; whoever dribbles is let go.
+_IDLE_S, _BODY_S = 120.0, 60.0
 _TYPES = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -172,6 +176,9 @@ class PageServer:
             self._application,
             max_body_size=LARGEST_BODY_BYTES,
             max_buffer_size=2 * LARGEST_BODY_BYTES,
+            max_header_size=_LARGEST_HEAD_BYTES,
+            idle_connection_timeout=_IDLE_S,
+            body_timeout=_BODY_S,
         )
         self._http.add_sockets(self._sockets.values())
         try:
@@ -193,30 +200,58 @@ class PageServer:
         return self.listen(ports[-1])
 
 
+@tornado.web.stream_request_body
 class PageHandler(tornado.web.RequestHandler):
-    """What every answer has in common: who may ask, and how errors are told."""
+    """What every answer has in common: who may ask, and how errors are told.
+
+    Who may not ask is turned away when the headers are there: nobody fills the memory with
+    what comes after them.
+    """
 
     server: PageServer
+    largest_body_bytes = SMALL_BODY_BYTES
 
     def initialize(self, server: PageServer) -> None:
         self.server = server
+        self._arrived = bytearray()
 
-    def prepare(self) -> None:
-        """Turn away whoever is not this page.
+    @property
+    def body(self) -> bytes:
+        """What was sent after the headers."""
+        return bytes(self._arrived)
+
+    def data_received(self, chunk: bytes) -> None:
+        """Keep a part of the body.
 
         Raises
         ------
         tornado.web.HTTPError
-            403.
+            413.
+        """
+        if len(self._arrived) + len(chunk) > self.largest_body_bytes:
+            raise tornado.web.HTTPError(413)
+        self._arrived += chunk
+
+    def prepare(self) -> None:
+        """Turn away whoever is not this page, or is about to send too much.
+
+        Raises
+        ------
+        tornado.web.HTTPError
+            403, 413.
         """
         host, origin = self.request.host, self.request.headers.get("Origin")
-        token = self.request.path.split("/")[1]
+        # Of "OPTIONS *" and the like there is no second part.
+        token = self.request.path.partition("/")[2].partition("/")[0]
         if (
             not self.server.answers_to(host)
             or origin not in (None, f"http://{host}")
             or not hmac.compare_digest(token.encode(), self.server.token.encode())
         ):
             raise tornado.web.HTTPError(403)
+        announced = self.request.headers.get("Content-Length", "0")
+        if not announced.isdecimal() or int(announced[:20]) > self.largest_body_bytes:
+            raise tornado.web.HTTPError(413)
 
     def set_default_headers(self) -> None:
         self.clear_header("Server")
@@ -246,6 +281,7 @@ class PageHandler(tornado.web.RequestHandler):
         said = {
             403: "Only the page at the address that workbench printed may ask this",
             404: "There is nothing at this address",
+            413: "This is more than the page would ever send",
         }
         self.give_json({"message": said.get(status_code, self._reason)})
 

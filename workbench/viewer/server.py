@@ -48,22 +48,31 @@ def site_server(site: Site, port: int = 0) -> PageServer:
     files = {
         path.relative_to(site.folder).as_posix(): path
         for path in site.folder.rglob("*")
-        if path.is_file() and path.name != "made.json"
+        if _is_own(path, site.folder) and path.name != "made.json"
     }
     name = hashlib.sha256(str(site.folder).encode()).hexdigest()
     own = _FIRST_PORT + int(name[:8], 16) % _PORTS
-    routes = [("(.*)", _SiteHandler, {"listed": files | {"": files["index.html"]}})]
+    listed = files | {"": files["index.html"]}
+    routes = [("(.*)", _SiteHandler, {"listed": listed, "folder": site.folder})]
     return PageServer({}, routes, [port] if port else [own, 0])
+
+
+def _is_own(path: Path, folder: Path) -> bool:
+    """Whether a path is a file inside a folder, not one that a link leads to elsewhere."""
+    return path.is_file() and path.resolve().is_relative_to(folder.resolve())
 
 
 class _SiteHandler(PageHandler):
     """Files of the site, whole or in part."""
 
     listed: Mapping[str, Path]
+    folder: Path
 
-    def initialize(self, server: PageServer, listed: Mapping[str, Path]) -> None:  # type: ignore[override]
+    def initialize(  # type: ignore[override]
+        self, server: PageServer, listed: Mapping[str, Path], folder: Path
+    ) -> None:
         super().initialize(server)
-        self.listed = listed
+        self.listed, self.folder = listed, folder
 
     async def get(self, token: str, name: str) -> None:
         """Answer with a file."""
@@ -75,7 +84,7 @@ class _SiteHandler(PageHandler):
 
     async def _answer(self, name: str, *, send: bool) -> None:
         path = self.listed.get(name)
-        if path is None or not path.is_file():
+        if path is None or not _is_own(path, self.folder):
             raise tornado.web.HTTPError(404)
         size = path.stat().st_size
         first, last = self._range(size)

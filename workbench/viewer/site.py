@@ -29,7 +29,7 @@ from workbench.formats.point_files import point_stream
 from workbench.pipeline.progress import Progress
 from workbench.project.hashing import FileHashes, hash_of_value
 from workbench.project.project import Project
-from workbench.project.store import ProductStore
+from workbench.project.store import ProductStore, require_inside
 from workbench.viewer.makers import REPRESENTATIONS
 from workbench.viewer.representations import Exports, Made, Representation, SiteOptions
 
@@ -70,6 +70,7 @@ def build_site(project: Project, options: SiteOptions, progress: Progress) -> Si
         The project exported no surface.
     """
     folder = project.root / "work" / "view"
+    require_inside(project.root, folder)
     hashes, exports = project.hashes, Exports(project.store)
     modes, left_out, kept = [], [], set()
     for form in REPRESENTATIONS:
@@ -78,10 +79,16 @@ def build_site(project: Project, options: SiteOptions, progress: Progress) -> Si
             continue
         key = _key(project, hashes, form, options)
         place = folder / DATA / f"{form.mode}-{key}"
-        if not (place / "made.json").exists():
+        if _told(place) is None:
             with progress.step(f"{form.label.lower()} for the browser"):
                 _make(exports, form, place, options)
-        made = json.loads((place / "made.json").read_text(encoding="utf-8"))
+        made = _told(place)
+        if made is None:
+            raise InputError(
+                "What was made for the browser cannot be read again.",
+                file=place / "made.json",
+                fix=f"remove {folder} and view the project again",
+            )
         modes.append(_entry(form, place, made))
         kept.add(place.name)
     if not modes:
@@ -114,9 +121,16 @@ def publish(site: Site, out: Path) -> Site:
     Raises
     ------
     InputError
-        Something else is there.
+        Something else is there, or the site has a link in it, whose target would be public.
     """
     out = out.resolve()
+    links = [path for path in site.folder.rglob("*") if path.is_symlink()]
+    if links:
+        raise InputError(
+            "There is a link in the site.",
+            file=links[0],
+            fix=f"remove {site.folder} and publish again",
+        )
     if out.exists() and not (out.is_dir() and ((out / SCENE).exists() or not any(out.iterdir()))):
         raise InputError(
             "There is something else already.",
@@ -169,8 +183,15 @@ def _make(exports: Exports, form: Representation, place: Path, options: SiteOpti
     os.replace(partial, place)
 
 
-def _entry(form: Representation, place: Path, told: dict[str, Any]) -> dict[str, Any]:
-    made = Made(**told)
+def _told(place: Path) -> Made | None:
+    """What was made there; None where that is not known, or damaged."""
+    try:
+        return Made(**json.loads((place / "made.json").read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError):
+        return None
+
+
+def _entry(form: Representation, place: Path, made: Made) -> dict[str, Any]:
     files = [path for path in place.rglob("*") if path.is_file() and path.name != "made.json"]
     return {
         "mode": form.mode,
