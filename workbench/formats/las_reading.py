@@ -89,6 +89,8 @@ def _told(path: Path) -> Iterator[None]:
 
 def _record_batches(file: BinaryIO, layout: LasLayout, path: Path) -> Iterator[NDArray[np.uint8]]:
     """Uncompressed points as bytes (n, point_bytes)."""
+    if not layout.count:
+        return  # the decompressor would believe a table of chunks that nobody has checked
     file.seek(layout.points_start)
     source: _Records = _Plain(file, layout) if layout.laszip is None else _zipped(
         file, layout, layout.laszip, path
@@ -157,8 +159,6 @@ def _check_chunks(
 ) -> None:
     """Chunks and their layers lie inside the file, and hold the points that are declared."""
     start, end = layout.points_start, layout.file_bytes
-    if layout.count == 0:
-        return
     file.seek(start)
     table = struct.unpack("<q", _exactly(file, 8, path))[0]
     if table == -1:
