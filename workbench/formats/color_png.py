@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.formats.picture_file import opened_picture
+from workbench.formats.picture_file import opened_picture, require_whole_chunks
 
 # Deflate at its fastest: slower settings save a tenth of the bytes of a photograph.
 _SETTINGS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -25,7 +25,9 @@ def read_color_png(path: Path) -> NDArray[np.uint8]:
     try:
         with opened_picture(path):
             pass  # OpenCV would make room for whatever the header declares.
-        stored = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+        data = path.read_bytes()
+        require_whole_chunks(data)
+        stored = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except (OSError, ValueError, SyntaxError, cv2.error) as error:
         raise OSError(f"no picture of 8 bits: {error}") from error
     if stored is None or stored.dtype != np.uint8:

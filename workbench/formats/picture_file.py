@@ -50,6 +50,22 @@ def require_pixels_fit(pixels: int, bits_per_pixel: int, file_bytes: int) -> Non
         raise OSError(f"{file_bytes} bytes cannot hold the {pixels} pixels that they declare")
 
 
+def require_whole_chunks(data: bytes) -> None:
+    """Refuse a PNG file with a chunk that ends behind the file: OpenCV makes room for it.
+
+    Raises
+    ------
+    OSError
+        There is one.
+    """
+    at = 8
+    while data[:4] == b"\x89PNG" and at + 8 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        at += 12 + length
+        if at > len(data):
+            raise OSError(f"its chunk {kind!r} of {length} bytes ends behind the file")
+
+
 @contextmanager
 def opened_picture(path: Path) -> Iterator[Image]:
     """A JPEG, PNG or TIFF file as Pillow opens it, nothing of it unpacked yet.

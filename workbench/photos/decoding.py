@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from workbench.errors import InputError
 from workbench.formats.icc_profile import MatrixProfile, read_matrix_profile, srgb_profile
 from workbench.formats.photo_reading import PLAIN_SUFFIXES, QUARTER_TURNS, opened_raw, readable
-from workbench.formats.picture_file import opened_picture
+from workbench.formats.picture_file import opened_picture, require_whole_chunks
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -228,7 +228,9 @@ def _sixteen_bits(path: Path, opened: Image) -> NDArray[np.uint16] | None:
     """The picture with all its bits where it has sixteen, which Pillow reads eight of."""
     if opened.format not in ("PNG", "TIFF"):
         return None
-    data = np.frombuffer(path.read_bytes(), np.uint8)
+    content = path.read_bytes()
+    require_whole_chunks(content)
+    data = np.frombuffer(content, np.uint8)
     # As stored: the orientation is applied to both kinds of pictures alike, later.
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
     picture = cv2.imdecode(data, flags)

@@ -218,7 +218,11 @@ class Project:
     def settings(self, overrides: StageSettings | None = None) -> StageSettings:
         """Preset, project file and ``overrides`` merged."""
         own = {stage: dict(table) for stage, table in self.file.stages.items()}
-        preset = load_preset(self.file.preset, self.root / PROJECT_FILE)
+        try:
+            preset = load_preset(self.file.preset)
+        except SettingsError as error:
+            error.file = error.file or str(self.root / PROJECT_FILE)
+            raise
         return merged([preset, own, overrides or {}])
 
     def _input_path(self, entry: str) -> Path:

@@ -52,13 +52,12 @@ def presets() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-def load_preset(name: str, named_by: Path | None = None) -> StageSettings:
-    """The stage tables of a preset, which a file names."""
+def load_preset(name: str) -> StageSettings:
+    """The stage tables of a preset."""
     known = presets()
     if name not in known:
         raise SettingsError(
             f"There is no preset {name[:80]!r}",
-            file=named_by,
             expected=", ".join(known),
             fix=suggestion(name, known) or "choose one of the expected names",
         )

@@ -42,6 +42,7 @@ _RANGE_MAP_FIELDS = (
 _DAMAGE = (
     *(ValueError, TypeError, KeyError, EOFError, OSError, SyntaxError, MemoryError),
     *(NotImplementedError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error),
+    *(AttributeError, IndexError, OverflowError),
     tokenize.TokenError,
 )
 
@@ -123,8 +124,10 @@ class ProductStore:
                 arrays = {key: archive[key] for key in only or archive.files}
             if artefact.format == "range-map":
                 fields: dict[str, Any] = {key: arrays.get(key) for key in _RANGE_MAP_FIELDS}
-                return RangeMap(name=item or "", **fields)
-            return TriangleMesh.from_arrays(arrays) if artefact.format == "mesh" else arrays
+                return _sound_range_map(RangeMap(name=item or "", **fields))
+            if artefact.format == "mesh":
+                return _sound_mesh(TriangleMesh.from_arrays(arrays))
+            return arrays
         except _DAMAGE as error:
             raise InputError(
                 f"{artefact.description}: damaged",
@@ -190,6 +193,35 @@ def require_inside(root: Path, folder: Path) -> None:
             found=str(place),
             fix="put a folder in its place, or move the whole project to where there is room",
         )
+
+
+def _sound_range_map(scan: RangeMap) -> RangeMap:
+    """The range map, whose arrays are of the shapes and kinds it says; else ValueError."""
+    grid, place, pose = scan.grid, scan.viewpoint_in_scan, scan.world_from_scan
+    if grid is not None and not (grid.ndim == 2 and grid.dtype == np.int32):
+        raise ValueError(f"a grid of shape {grid.shape}, {grid.dtype}")
+    if grid is not None and grid.size and grid.min() < -1:
+        raise ValueError("the grid points before the first sample")
+    if place is not None and not (place.shape == (3,) and place.dtype == np.float64):
+        raise ValueError(f"a viewpoint of shape {place.shape}, {place.dtype}")
+    if pose is not None and not (pose.shape == (4, 4) and pose.dtype == np.float64):
+        raise ValueError(f"a pose of shape {pose.shape}, {pose.dtype}")
+    return scan
+
+
+def _sound_mesh(mesh: TriangleMesh) -> TriangleMesh:
+    """The mesh, whose triangles are of its vertices; else ValueError."""
+    vertices, triangles = mesh.vertices, mesh.triangles
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind != "f":
+        raise ValueError(f"vertices of shape {vertices.shape}, {vertices.dtype}")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind != "i":
+        raise ValueError(f"triangles of shape {triangles.shape}, {triangles.dtype}")
+    if triangles.size and not 0 <= triangles.min() <= triangles.max() < len(vertices):
+        raise ValueError("a triangle names a vertex that does not exist")
+    for name, values in mesh.vertex_attributes.items():
+        if values.shape[:1] != (len(vertices),):
+            raise ValueError(f"{name} of shape {values.shape} for {len(vertices)} vertices")
+    return mesh
 
 
 def _artefact(name: str) -> Artefact:
