@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 DEMO := out/demo
 SYSTEM_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6
 
-.PHONY: demo test test-full lint types imports check setup readme clean
+.PHONY: demo test test-full fuzz lint types imports check setup readme clean
 
 demo: setup
 	rm -rf $(DEMO)
@@ -26,6 +26,15 @@ test: check
 
 test-full: check
 	$(BIN)/python -m pytest -q
+
+# Readers against damaged files: all of them, or make fuzz READER="ply ptx" EXECUTIONS=1000000.
+# ENGINE=atheris is guided by coverage; it takes pip install --editable '.[fuzz]'.
+EXECUTIONS ?= 20000
+READER ?=
+ENGINE ?= own
+fuzz: setup
+	$(BIN)/python -m tests.fuzz.run --executions $(EXECUTIONS) --engine $(ENGINE) \
+		$(foreach reader,$(READER),--reader $(reader))
 
 check: lint types imports
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import struct
-import zipfile
 import zlib
 from collections.abc import Callable
 
@@ -98,29 +96,18 @@ def _cubes_with_sums(body: bytes, index: bytes, cube: np.dtype[np.void]) -> byte
 
 def repaired_zip(data: bytes) -> bytes:
     """CRC-32 of the members of a ZIP archive whose members are stored as they are."""
-    out, at = bytearray(data), 0
-    while (at := out.find(b"PK\x03\x04", at)) >= 0 and at + 30 <= len(out):
-        size, _, name, extra = struct.unpack_from("<IIHH", out, at + 18)
-        start = at + 30 + name + extra
-        crc = struct.pack("<I", zlib.crc32(out[start : start + min(size, len(out))]))
-        out[at + 14 : at + 18] = crc
-        called = bytes(out[at + 30 : at + 30 + name])
-        central = out.find(b"PK\x01\x02")
-        while central >= 0:
-            if bytes(out[central + 46 : central + 46 + name]) == called:
-                out[central + 16 : central + 20] = crc
-            central = out.find(b"PK\x01\x02", central + 4)
-        at = max(start, at + 4)
+    out = bytearray(data)
+    central = out.find(b"PK\x01\x02")
+    while 0 <= central <= len(out) - 46:
+        size, _, name = struct.unpack_from("<IIH", out, central + 20)
+        (local,) = struct.unpack_from("<I", out, central + 42)
+        if local + 30 <= len(out):
+            before = sum(struct.unpack_from("<HH", out, local + 26))
+            start = local + 30 + before
+            crc = struct.pack("<I", zlib.crc32(out[start : start + size]))
+            out[local + 14 : local + 18] = out[central + 16 : central + 20] = crc
+        central = out.find(b"PK\x01\x02", central + 46 + name)
     return bytes(out)
-
-
-def stored_zip(members: dict[str, bytes]) -> bytes:
-    """A ZIP archive of members as they are."""
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for name, content in members.items():
-            archive.writestr(zipfile.ZipInfo(name), content)
-    return file.getvalue()
 
 
 def _crc32c_table() -> list[int]:

@@ -148,7 +148,8 @@ def _say(told: dict[str, Any]) -> None:
     sys.__stdout__.flush()  # type: ignore[union-attr]
 
 
-def _limit_memory() -> None:
+def limit_memory() -> None:
+    """Let this process take a gibibyte more than it has; no core is dumped."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + _ADDRESS_SPACE
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
@@ -167,7 +168,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     logging.disable(logging.CRITICAL)
     worker = Worker(TARGETS[given.reader], given.folder, given.seed, given.engine)
-    _limit_memory()
+    limit_memory()
     if given.engine == "atheris":
         worker.run_guided(given.executions)
     else:
