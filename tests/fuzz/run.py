@@ -63,7 +63,8 @@ def _one_process(row: Row, executions: int, seed: int, engine: str, out: Path) -
     # Memory, not a disk: files are written a thousand times a second.
     place = "/dev/shm" if os.path.isdir("/dev/shm") else None
     with tempfile.TemporaryDirectory(dir=place, prefix="fuzz-") as folder:
-        command = [sys.executable, "-m", "tests.fuzz.worker", row.reader, folder]
+        module = {"own": "worker", "atheris": "guided"}[engine]
+        command = [sys.executable, "-m", f"tests.fuzz.{module}", row.reader, folder]
         command += ["--executions", str(executions), "--seed", str(seed), "--engine", engine]
         environment = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
         with (

@@ -177,13 +177,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if "atheris" in sys.argv:
-        import atheris
-
-        # Only what is read by Python itself gains from it.
-        names = ("workbench.formats", "workbench.photos", "workbench.project", "workbench.voxels")
-        with atheris.instrument_imports(
-            include=[*names, "workbench.surfels", "workbench.pointcodecs", "tests.fuzz.loaded"]
-        ):
-            from tests.fuzz import loaded  # noqa: F401
     main()
