@@ -222,9 +222,12 @@ class LodFile:
         record = self.nodes[node]
         body = self._body(record, "", int(record["voxels"]) * 12 + int(record["sided"]) * 52)
         try:
-            return chunk_of_bytes(body, int(record["voxels"]), int(record["sided"]), self.colored)
+            chunk = chunk_of_bytes(body, int(record["voxels"]), int(record["sided"]), self.colored)
         except InputError as error:
             raise refused(self.path, error.message, error.found or "") from error
+        if (chunk.cells >> self.chunk_level).any():
+            raise refused(self.path, "A chunk of the file is damaged.", "voxels outside it")
+        return chunk
 
     def geometry(self, node: int) -> TriangleMesh | None:
         """The original surface that touches a node, in the mesh's frame, where there is one."""

@@ -134,5 +134,12 @@ def _check_nodes(path: Path, layout: LodLayout, end: int) -> None:
         stored = nodes["stored" if name == "offset" else "geometry_stored"]
         if len(nodes) and ((nodes[name] > end).any() or (stored > end - nodes[name]).any()):
             raise refused(path, "The index points outside the file.", name)
+    if not (nodes["level"] == layout.grid.level).any():
+        raise refused(path, "The file has no voxels of its finest level.", f"{len(nodes)} chunks")
+    depth = nodes["level"].astype(np.int64) - layout.chunk_level
+    if (nodes["level"] > layout.grid.level).any() or (
+        nodes["place"] >> np.maximum(depth, 0)[:, None]
+    ).any():
+        raise refused(path, "A chunk lies outside the grid.", "a level or place too large")
     counts = np.bitwise_count(nodes["children"]).astype(np.int64)
     FORMAT.check_children(path, nodes["first_child"], counts)
