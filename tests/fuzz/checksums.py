@@ -76,7 +76,9 @@ def repaired_cubes(header: np.dtype[np.void], cube: np.dtype[np.void]) -> Callab
 
 def _cubes_with_sums(body: bytes, index: bytes, cube: np.dtype[np.void]) -> bytes:
     try:
-        planes = zstandard.ZstdDecompressor().decompress(index, max_output_size=1 << 20)
+        if not 0 < zstandard.frame_content_size(index) <= 1 << 20:
+            return index
+        planes = zstandard.ZstdDecompressor().decompress(index)
     except zstandard.ZstdError:
         return index
     count = len(planes) // cube.itemsize

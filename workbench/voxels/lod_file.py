@@ -266,7 +266,10 @@ class LodFile:
         if not self.flags & COMPRESSED:
             return data
         try:
-            body = zstandard.ZstdDecompressor().decompress(data, max_output_size=plain)
+            # The library makes room for what the frame says, whatever it is told here.
+            if zstandard.frame_content_size(data) != plain:
+                raise refused(self.path, "A chunk of the file is damaged.", "another size")
+            body = zstandard.ZstdDecompressor().decompress(data)
         except zstandard.ZstdError as error:
             raise refused(self.path, "A chunk of the file is damaged.", str(error)) from error
         if len(body) != plain:
