@@ -12,6 +12,8 @@ from workbench.formats.las_reading import las_batches
 from workbench.formats.ply_points import is_streamed, ply_batches
 from workbench.formats.point_attributes import unit_normals
 from workbench.formats.point_stream import PointStream, slices_of, surveyed
+from workbench.formats.potree import METADATA
+from workbench.formats.potree_reading import PotreeCloud
 from workbench.formats.scans import SCAN_SUFFIXES, read_scans
 from workbench.formats.surface_files import SURFACE_SUFFIXES, read_surface
 from workbench.geometry.point_set import PointSet, joined
@@ -29,8 +31,9 @@ def read_points(path: Path) -> PointSet:
     ----------
     path
         A LAS, LAZ or COPC file; PLY (its vertices); OBJ, GLB or STL (the vertices of the
-        surface); E57, PTX, PCD, XYZ, PTS, TXT or ASC: the scans inside, each where its pose
-        puts it, one after another, without the samples that saw nothing.
+        surface); a folder of Potree or the ``metadata.json`` inside; E57, PTX, PCD, XYZ,
+        PTS, TXT or ASC: the scans inside, each where its pose puts it, one after another,
+        without the samples that saw nothing.
 
     Returns
     -------
@@ -77,6 +80,8 @@ def _batches(path: Path) -> Callable[[], Iterator[PointSet]]:
         if is_streamed(path):
             return lambda: ply_batches(path)
         return slices_of(joined(list(ply_batches(path))))
+    if path.name == METADATA or (path / METADATA).is_file():
+        return PotreeCloud(path).batches
     whole = _WHOLE.get(suffix)
     if whole is None:
         raise InputError(

@@ -23,8 +23,8 @@ from workbench.errors import InputError
 from workbench.formats.octree_nodes import CELLS, NodeKey, OctreeNode, PointOctree
 
 METADATA = "metadata.json"
-_HIERARCHY = "hierarchy.bin"
-_OCTREE = "octree.bin"
+HIERARCHY = "hierarchy.bin"
+OCTREE = "octree.bin"
 _VERSION = "2.0"
 _NORMAL, _LEAF = 0, 1
 _STEP = 4
@@ -68,7 +68,7 @@ def write_potree(path: Path, octree: PointOctree, name: str | None = None) -> di
     record = _Record(octree)
     places: dict[NodeKey, tuple[int, int, int]] = {}
     with _replacing_folder(path) as folder:
-        with open(folder / _OCTREE, "wb") as file:
+        with open(folder / OCTREE, "wb") as file:
             for node in octree.nodes():
                 start, data = file.tell(), record.rows(node)
                 places[node.key] = (len(node.points), start, file.write(data))
@@ -82,12 +82,12 @@ def write_potree(path: Path, octree: PointOctree, name: str | None = None) -> di
                 fix="Leave the file alone until the export is done.",
             )
         hierarchy = _hierarchy(places)
-        (folder / _HIERARCHY).write_bytes(hierarchy)
+        (folder / HIERARCHY).write_bytes(hierarchy)
         levels = max(key.level for key in places) + 1
         metadata = _metadata(octree, record, name or path.name, len(hierarchy), levels)
         (folder / METADATA).write_text(json.dumps(metadata, indent=1) + "\n", encoding="utf-8")
     return {
-        "bytes": sum((path / part).stat().st_size for part in (METADATA, _HIERARCHY, _OCTREE)),
+        "bytes": sum((path / part).stat().st_size for part in (METADATA, HIERARCHY, OCTREE)),
         "precision": octree.rounding.step,
         "rounding_error": octree.rounding.step / 2,
         "nodes": len(places),
@@ -210,4 +210,4 @@ def _replacing_folder(path: Path) -> Iterator[Path]:
 
 def _is_potree(path: Path) -> bool:
     names = {part.name for part in path.iterdir()}
-    return not names or (METADATA in names and names <= {METADATA, _HIERARCHY, _OCTREE})
+    return not names or (METADATA in names and names <= {METADATA, HIERARCHY, OCTREE})
