@@ -20,11 +20,11 @@ from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.surface_texture import SurfaceTexture
 from workbench.geometry.textured_mesh import TexturedMesh
 from workbench.project.project import Project
-from workbench.viewer.drawn_models import WantedView
 from workbench.viewer.link_views import LinkView
 from workbench.viewer.page_light import lit
 from workbench.viewer.site import Site
 from workbench.viewer.surface_pictures import surface_picture
+from workbench.viewer.wanted_views import WantedView
 
 VIEW = View((1.2, -4.0, 1.1))
 
@@ -33,9 +33,9 @@ VIEW = View((1.2, -4.0, 1.1))
 def render(capsys, tmp_path):
     """Run the command; returns what it told and the picture over the page's background."""
 
-    def call(path: Path, mode: str, camera: str, size: str = "640x480"):
+    def call(path: Path, mode: str, camera: str, size: str = "640x480", *more: str):
         out = tmp_path / "picture.png"
-        given = ("--mode", mode, f"--camera={camera}", "--size", size, "--out", str(out))
+        given = ("--mode", mode, f"--camera={camera}", "--size", size, "--out", str(out), *more)
         capsys.readouterr()
         assert run_cli((), ["render", str(path), *given, "--json"]) == 0
         drawn = cv2.imread(str(out), cv2.IMREAD_UNCHANGED).astype(float)
@@ -58,6 +58,23 @@ def test_the_same_link_gives_the_same_picture_with_and_without_a_browser(
         told, own = render(project.root, mode, VIEW.link, "480x240")
         assert similarity(tab.picture(), own) > 0.99, mode
         assert told["camera"] == {"eye": [1.2, -4.0, 1.1], "to": [0.0, 0.0, 0.0], "fov": 35.0}
+
+
+@pytest.mark.parametrize("mode", ["voxels", "graph"])
+def test_voxels_are_those_of_the_page(project: Project, site: Site, serve, show, render, mode: str):
+    tab = show(f"{serve(site.folder)}#mode={mode}&light=camera&{VIEW.link}", width=480, height=240)
+    tab.page.wait_for_function("() => window.page?.stage.mode")
+    tab.page.evaluate("() => { page.stage.look.pixelError = 1; page.stage.redraw(); }")
+    tab.page.wait_for_timeout(50)
+    tab.settled(60_000)
+    _, own = render(project.root, mode, VIEW.link, "480x240", "--light", "camera")
+    assert similarity(tab.picture(), own) > 0.98
+
+
+def test_a_lamp_belongs_to_voxels(project: Project, tmp_path, capsys):
+    given = ["render", str(project.root), "--mode", "surface", "--light", "lamp"]
+    assert run_cli((), [*given, "--out", str(tmp_path / "a.png"), "--json"]) == 2
+    assert "shadows" in json.loads(capsys.readouterr()[0])["error"]["message"]
 
 
 def test_a_surface_is_what_rays_meet_wherever_it_stands(project: Project, render):

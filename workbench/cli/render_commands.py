@@ -15,8 +15,6 @@ from workbench.pipeline.meter import Meter
 from workbench.pipeline.progress import Progress
 from workbench.project.settings import suggestion
 
-MODES = ("voxels", "stitch", "surface", "surfels")
-
 
 def add_render_commands(app: typer.Typer) -> None:
     """``render``."""
@@ -28,9 +26,9 @@ def add_render_commands(app: typer.Typer) -> None:
         mode: Annotated[
             str,
             typer.Option(
-                help="voxels: traced, with hard shadows; stitch: a project's depth meshes with "
-                "its photographs; surface: by rays, with its texture or colours; surfels: as "
-                "discs."
+                help="voxels, or graph: traced; stitch: a project's depth meshes with its "
+                "photographs; surface: by rays, with its texture or colours; surfels: as "
+                "discs; cloud: the points of a Potree folder."
             ),
         ] = "voxels",
         camera: Annotated[
@@ -45,18 +43,26 @@ def add_render_commands(app: typer.Typer) -> None:
         size: Annotated[
             str, typer.Option(metavar="WxH", help="Pixels; a photograph's view fits inside.")
         ] = "1280x720",
+        light: Annotated[
+            str | None,
+            typer.Option(
+                help="camera: from the eye, as the page opens; even: colours as they are; lamp: "
+                "from above with hard shadows, of voxels and graphs."
+            ),
+        ] = None,
         as_json: JsonOption = False,
     ) -> Answer:
         """A picture without a display."""
+        from workbench.viewer.drawn_models import MODES, drawn_model
+        from workbench.viewer.wanted_views import WantedView
+
         if mode not in MODES:
             raise SettingsError(
                 f"There is no mode {mode!r}",
                 expected=", ".join(MODES),
                 fix=suggestion(mode, MODES) or "choose one of the expected names",
             )
-        from workbench.viewer.drawn_models import WantedView, drawn_model
-
-        wanted = WantedView.of_texts(camera, size)
+        wanted = WantedView.of_texts(camera, size, light)
         if out.suffix.lower() != ".png" or not out.parent.is_dir():
             raise InputError(
                 "The picture cannot be written there",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,98 +11,30 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError, SettingsError
 from workbench.formats.glb_container import read_glb_description
+from workbench.formats.potree import METADATA
+from workbench.formats.potree_reading import PotreeCloud
+from workbench.formats.surface_files import read_surface
 from workbench.formats.textured_surface import read_textured_surface
 from workbench.geometry.mesh import TriangleMesh
-from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.photo_view import reduced_camera
 from workbench.geometry.surface_texture import SurfaceTexture
 from workbench.pipeline.stitched_pictures import StitchedProject
 from workbench.project.project import Project
 from workbench.surfels.surfel_file import SURFEL_SUFFIX, SurfelFile
+from workbench.viewer.cloud_pictures import cloud_picture
 from workbench.viewer.link_views import LinkView
-from workbench.viewer.page_light import Light
 from workbench.viewer.site import DATA, model_bounds
 from workbench.viewer.surface_pictures import surface_picture
 from workbench.viewer.surfel_pictures import surfel_picture
-from workbench.voxels.graph_pictures import camera_around, picture
-from workbench.voxels.voxel_points import traceable_graph
-from workbench.voxels.voxel_set import VoxelGrid, grid_of_mesh
+from workbench.viewer.voxel_pictures import graph_picture, voxel_picture
+from workbench.viewer.wanted_views import WantedView
+from workbench.voxels.dag_file import SUFFIX as GRAPH_SUFFIX
+from workbench.voxels.graph_pictures import picture
+from workbench.voxels.lod_file import LodFile
+from workbench.voxels.voxel_points import LOD_SUFFIX, traceable_graph
+from workbench.voxels.voxel_set import grid_of_mesh
 
-_MOST_PIXELS = 1 << 26
-_VOXEL_EXPORTS = ("voxel_graph", "voxel_lod")
 _SURFACES = ("surface_ply", "surface_glb")
-
-
-@dataclass(frozen=True)
-class WantedView:
-    """What ``--camera`` and ``--size`` ask for.
-
-    Attributes
-    ----------
-    photo : the name of a photograph whose place is meant, or None.
-    link : a view of the page, or None.
-    azimuth, elevation, up : otherwise where the camera stands around the object, degrees, and
-        the object's upward axis, where it is told.
-    width, height : of the picture, pixels.
-    """
-
-    photo: str | None
-    link: LinkView | None
-    azimuth: float
-    elevation: float
-    up: str | None
-    width: int
-    height: int
-
-    @classmethod
-    def of_texts(cls, camera: str, size: str) -> WantedView:
-        """What the texts say.
-
-        Raises
-        ------
-        SettingsError
-            They say nothing that is understood.
-        """
-        sides = re.fullmatch(r"(\d{1,6})[x×](\d{1,6})", size)
-        width, height = (int(side) for side in sides.groups()) if sides else (0, 0)
-        if not 0 < width * height <= _MOST_PIXELS:
-            raise SettingsError(
-                f"--size {size!r} is not understood",
-                expected=f"WxH, at most {_MOST_PIXELS:,} pixels",
-                fix="such as --size 1280x720",
-            )
-        kind, _, name = camera.partition(":")
-        if kind == "photo" and name:
-            return cls(name, None, 0.0, 0.0, None, width, height)
-        if "=" in camera:
-            return cls(None, LinkView.of_text(camera), 0.0, 0.0, None, width, height)
-        number = r"\s*([+-]?\d+(?:\.\d*)?)\s*"
-        found = re.fullmatch(rf"{number},{number}(?:,\s*([yz])\s*)?", camera)
-        if not found or abs(float(found[2])) >= 90.0:
-            raise SettingsError(
-                f"--camera {camera!r} is not understood",
-                expected="AZ,EL[,y or z] in degrees, EL between -90 and 90; eye=…;to=…;fov=…; "
-                "or photo:NAME",
-                fix="such as --camera 30,15",
-            )
-        return cls(None, None, float(found[1]), float(found[2]), found[3], width, height)
-
-    def camera(self, grid: VoxelGrid, up: str, origin: NDArray[np.float64]) -> PhotoCamera:
-        """The camera of a model in a cube, whose local coordinates begin at ``origin``."""
-        if self.link is not None:
-            return self.link.camera(origin, self.width, self.height)
-        return camera_around(
-            grid,
-            self.width,
-            self.height,
-            azimuth=self.azimuth,
-            elevation=self.elevation,
-            up=self.up or up,
-        )
-
-    def view(self, camera: PhotoCamera, origin: NDArray[np.float64]) -> LinkView:
-        """The view of a camera that was chosen so."""
-        return self.link or LinkView.of_camera(camera, origin)
 
 
 @dataclass(frozen=True)
@@ -121,12 +52,53 @@ class DrawnModel:
 
 
 def _voxels(path: Path, wanted: WantedView) -> DrawnModel:
-    """A voxel file, or the one that a project exported."""
-    file = _exported(path, _VOXEL_EXPORTS, "voxels", "export.voxels=ssvdag")
+    """Voxels of a file or a project: levels of detail, or where there are none a graph."""
+    made = _made(path, f"voxels-*/*{LOD_SUFFIX}")
+    file = made or _exported(path, ("voxel_lod", "voxel_graph"), "voxels", "export.voxels=voxels")
+    if file.suffix != LOD_SUFFIX or wanted.light in (None, "lamp"):
+        return _traced(path, file, wanted)
+    grid = LodFile(file).grid
+    origin = _origin(path) if path.is_dir() else grid.center
+    camera = wanted.camera(grid, _up(path), origin)
+    store = Project(path).store if path.is_dir() else None
+    surface = None
+    if store is not None and store.exists("surface_ply"):
+        surface = read_surface(store.path("surface_ply"))
+    drawn = voxel_picture(file, surface, camera, wanted.page_light("voxels"))
+    return DrawnModel(drawn, wanted.view(camera, origin))
+
+
+def _graph(path: Path, wanted: WantedView) -> DrawnModel:
+    """A voxel graph of a file or a project."""
+    made = _made(path, f"graph-*/*{GRAPH_SUFFIX}")
+    file = made or _exported(path, ("voxel_graph",), "voxel graph", "export.voxels=ssvdag")
+    return _traced(path, file, wanted)
+
+
+def _traced(path: Path, file: Path, wanted: WantedView) -> DrawnModel:
     voxels = traceable_graph(file)
     origin = _origin(path) if path.is_dir() else voxels.grid.center
     camera = wanted.camera(voxels.grid, _up(path), origin)
-    return DrawnModel(picture(voxels, camera), wanted.view(camera, origin))
+    if wanted.light in (None, "lamp"):
+        drawn = picture(voxels, camera)
+    else:
+        drawn = graph_picture(voxels, camera, wanted.page_light("graph"))
+    return DrawnModel(drawn, wanted.view(camera, origin))
+
+
+def _cloud(path: Path, wanted: WantedView) -> DrawnModel:
+    """The points of a folder of Potree, or those that a project exported."""
+    made = _made(path, f"cloud-*/{METADATA}")
+    own = path if path.name == METADATA or (path / METADATA).is_file() else None
+    cloud = PotreeCloud(
+        own or made or _exported(path, ("potree_metadata",), "points", 'export.clouds=["potree"]')
+    )
+    low, high = cloud.box
+    inside = path.is_dir() and own is None
+    origin = _origin(path) if inside else 0.5 * (low + high)
+    camera = wanted.camera(grid_of_mesh(np.stack([low, high]), 1), _up(path), origin)
+    drawn = cloud_picture(cloud, camera, wanted.page_light("cloud"))
+    return DrawnModel(drawn, wanted.view(camera, origin))
 
 
 def _surface(path: Path, wanted: WantedView) -> DrawnModel:
@@ -134,22 +106,20 @@ def _surface(path: Path, wanted: WantedView) -> DrawnModel:
     mesh, texture = _painted(path)
     origin = _origin(path) if path.is_dir() else _middle(mesh)
     camera = wanted.camera(grid_of_mesh(mesh.vertices, 1), _up(path), origin)
-    light: Light = "even" if texture is not None else "camera"
+    light = wanted.page_light("surface", "even" if texture is not None else "camera")
     drawn = surface_picture(mesh, texture, camera, light)
     return DrawnModel(drawn, wanted.view(camera, origin))
 
 
 def _surfels(path: Path, wanted: WantedView) -> DrawnModel:
     """A surfel file, or a project's, exported or made for the browser."""
-    site = path / "work" / "view" / DATA
-    made = sorted(site.glob(f"surfels-*/*{SURFEL_SUFFIX}")) if path.is_dir() else []
-    file = SurfelFile(
-        made[-1] if made else _exported(path, ("surfels",), "surfels", "export.surfels=50000")
-    )
+    made = _made(path, f"surfels-*/*{SURFEL_SUFFIX}")
+    file = SurfelFile(made or _exported(path, ("surfels",), "surfels", "export.surfels=50000"))
     bounds = file.bounds(0)
     origin = _origin(path) if path.is_dir() else bounds.mean(axis=0)
     camera = wanted.camera(grid_of_mesh(bounds, 1), _up(path), origin)
-    return DrawnModel(surfel_picture(file, camera), wanted.view(camera, origin))
+    drawn = surfel_picture(file, camera, wanted.page_light("surfels"))
+    return DrawnModel(drawn, wanted.view(camera, origin))
 
 
 def _stitched(path: Path, wanted: WantedView) -> DrawnModel:
@@ -158,6 +128,7 @@ def _stitched(path: Path, wanted: WantedView) -> DrawnModel:
         raise InputError(
             "Photographs are stitched on a project", file=path, fix="name the project's folder"
         )
+    wanted.page_light("stitch", "even")
     project = StitchedProject.of(Project(path))
     origin = _middle(project.surface)
     if wanted.photo is None:
@@ -172,10 +143,13 @@ def _stitched(path: Path, wanted: WantedView) -> DrawnModel:
 
 _RENDERERS: Mapping[str, Callable[[Path, WantedView], DrawnModel]] = {
     "voxels": _voxels,
+    "graph": _graph,
     "stitch": _stitched,
     "surface": _surface,
     "surfels": _surfels,
+    "cloud": _cloud,
 }
+MODES = tuple(_RENDERERS)
 
 
 def drawn_model(path: Path, mode: str, wanted: WantedView) -> DrawnModel:
@@ -186,14 +160,15 @@ def drawn_model(path: Path, mode: str, wanted: WantedView) -> DrawnModel:
     path
         A file of the mode's kind, or a project's folder.
     mode
-        ``voxels``, ``stitch``, ``surface`` or ``surfels``.
+        One of ``MODES``.
     wanted
         From where.
 
     Raises
     ------
     SettingsError
-        The place of a photograph is asked for in another mode than ``stitch``.
+        The place of a photograph is asked for in another mode than ``stitch``, or a lamp
+        where nothing throws shadows.
     InputError
         There is nothing to draw, or it is damaged.
     """
@@ -209,6 +184,14 @@ def drawn_model(path: Path, mode: str, wanted: WantedView) -> DrawnModel:
 
 def _up(path: Path) -> str:
     return "z" if path.is_dir() else "y"
+
+
+def _made(path: Path, pattern: str) -> Path | None:
+    """What was made for the page of a project last, if anything."""
+    found = sorted(
+        (path / "work" / "view" / DATA).glob(pattern), key=lambda file: file.stat().st_mtime_ns
+    )
+    return found[-1] if found else None
 
 
 def _exported(path: Path, names: tuple[str, ...], what: str, setting: str) -> Path:

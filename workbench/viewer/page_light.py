@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 Light = Literal["even", "camera"]
 AMBIENT = 0.3
 """Share of the light that comes from everywhere when the lamp at the camera is on."""
+PLAIN = 0.55
+"""Linear albedo of what has no colours."""
 
 
 def lit(

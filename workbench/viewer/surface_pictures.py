@@ -13,12 +13,11 @@ from workbench.geometry.surface_rays import SurfaceRays
 from workbench.geometry.surface_texture import SurfaceTexture
 from workbench.kernels.barycentric import shares_of_corners
 from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
-from workbench.viewer.page_light import Light, lit
+from workbench.viewer.page_light import PLAIN, Light, lit
 
 # Rays along each side of a pixel.
 _SIDE = 2
 _ROWS_AT_ONCE = 128
-_PLAIN = 0.55
 # Surfaces that are seen flatter than that take no coarser texels than these.
 _FLATTEST = 1.0 / 16.0
 
@@ -109,7 +108,7 @@ class _Shading:
             )
         colors = self.mesh.vertex_attributes.get("color")
         if colors is None:
-            return np.full((len(corners), 3), _PLAIN)
+            return np.full((len(corners), 3), PLAIN)
         return np.asarray((LINEAR_OF_BYTE[colors[corners]] * shares[..., None]).sum(axis=1))
 
 

@@ -11,10 +11,9 @@ from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
 from workbench.surfels.drawing import blended_light
 from workbench.surfels.surfel_file import SurfelFile
 from workbench.surfels.view_surfels import shown_prefixes, view_surfels
-from workbench.viewer.page_light import Light, lit
+from workbench.viewer.page_light import PLAIN, Light, lit
 
 SIZE_PX = 1.0
-_PLAIN = 0.55
 
 
 def surfel_picture(
@@ -44,7 +43,7 @@ def surfel_picture(
     surfels = view_surfels(file, shown_prefixes(file, camera, size_px))
     if surfels.normals is None or surfels.radius is None or not len(surfels):
         return picture
-    albedo = np.full((len(surfels), 3), _PLAIN)
+    albedo = np.full((len(surfels), 3), PLAIN)
     if surfels.color is not None:
         albedo = LINEAR_OF_BYTE[surfels.color]
     normals, ways = surfels.normals.astype(np.float64), surfels.points - camera.center
