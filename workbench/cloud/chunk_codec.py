@@ -189,7 +189,10 @@ def _unpacked(body: memoryview, n: int) -> NDArray[np.uint8]:
         elif kind == _RAW:
             planes[k] = np.frombuffer(piece, np.uint8)
         else:
-            plain = _decompressor().decompress(piece, max_output_size=n)
+            # The library makes room for what the frame says, whatever it is told here.
+            if zstandard.frame_content_size(piece) != n:
+                raise ValueError("a plane of another size")
+            plain = _decompressor().decompress(piece)
             planes[k] = np.frombuffer(plain, np.uint8)
     return planes
 

@@ -102,9 +102,18 @@ class LayeredCloud:
                     found=str(header.get("format")),
                     fix="build it again",
                 )
-            self.schema = Schema.from_json(header["schema"])
+            try:
+                self.schema = Schema.from_json(header["schema"])
+                self._compression_level = int(header["compression_level"])
+            except (KeyError, TypeError, ValueError, AttributeError, InputError) as error:
+                raise InputError(
+                    "a point cloud is damaged",
+                    file=self.path,
+                    where="its header",
+                    found=str(error)[:200],
+                    fix="restore the file from a copy or build it again",
+                ) from error
             self.tree = Tree.from_bytes(tree, self.path)
-            self._compression_level = int(header["compression_level"])
             if writable:
                 self._store.sweep()
         except BaseException:

@@ -21,13 +21,12 @@ import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
+from workbench.cloud.lmdb_pages import CutShortError, NoLmdbError, check_pages
 from workbench.errors import InputError, ProjectLockedError, WorkbenchError
 
 _FIRST_MAP_BYTES = 1 << 24
 _KEY = struct.Struct(">cIHI")
 _CHUNK, _HEADER, _TREE, _VERSIONS = b"c", b"header", b"tree", b"versions"
-_PAGE_HEAD, _META = 16, struct.Struct("<II Q Q 48s 48s QQ")
-_MAGIC, _DATA_VERSION = 0xBEEFC0DE, 1
 T = TypeVar("T")
 
 #: (chunk, attribute number) of a value.
@@ -57,7 +56,7 @@ class ChunkStore:
         self._guard = threading.RLock()
         self._writer = FileLock(f"{self.path}-writer")
         if not create:
-            _check_file(self.path)
+            _check_file(self.path, writable=self.writable)
         if writable:
             try:
                 self._writer.acquire(timeout=0)
@@ -289,44 +288,33 @@ def _plain(value: bytes | memoryview | None) -> bytes | None:
     return None if value is None else bytes(value)
 
 
-def _check_file(path: Path) -> None:
+def _check_file(path: Path, *, writable: bool) -> None:
     """Raise where a file is not whole: LMDB would crash on pages that are not there."""
     if not path.is_file():
         raise InputError("there is no such point cloud", file=path, fix="build it first")
-    size = path.stat().st_size
     with open(path, "rb") as file:
-        first = file.read(_PAGE_HEAD + _META.size)
-        meta = _meta(first)
-        pages = 0
-        if meta:
-            page_bytes, last_page, transaction = meta
-            file.seek(page_bytes)
-            second = _meta(file.read(_PAGE_HEAD + _META.size))
-            if second and second[2] > transaction:
-                last_page = second[1]
-            pages = (last_page + 1) * page_bytes
-    if not meta:
-        raise InputError(
-            "not a point cloud of the workbench",
-            file=path,
-            found=f"{size} bytes that do not begin like one",
-            fix="give a file made by the workbench, or build the cloud again",
-        )
-    if size < pages:
-        raise InputError(
-            "a point cloud is cut short",
-            file=path,
-            expected=f"at least {pages} bytes",
-            found=f"{size} bytes",
-            fix="restore the file from a copy or build it again",
-        )
-
-
-def _meta(page: bytes) -> tuple[int, int, int] | None:
-    """Page size, last page and transaction of an LMDB meta page."""
-    if len(page) < _PAGE_HEAD + _META.size:
-        return None
-    magic, version, _, _, free, _, last_page, transaction = _META.unpack_from(page, _PAGE_HEAD)
-    if magic != _MAGIC or version != _DATA_VERSION:
-        return None
-    return int.from_bytes(free[:4], "little"), last_page, transaction
+        try:
+            check_pages(file, writable=writable)
+        except NoLmdbError as error:
+            raise InputError(
+                "not a point cloud of the workbench",
+                file=path,
+                found=f"{path.stat().st_size} bytes, of which {error}",
+                fix="give a file made by the workbench, or build the cloud again",
+            ) from error
+        except CutShortError as error:
+            raise InputError(
+                "a point cloud is cut short",
+                file=path,
+                expected=str(error),
+                found=f"{path.stat().st_size} bytes",
+                fix="restore the file from a copy or build it again",
+            ) from error
+        except ValueError as error:
+            raise InputError(
+                "a point cloud is damaged",
+                file=path,
+                where="its pages",
+                found=str(error),
+                fix="restore the file from a copy or build it again",
+            ) from error

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 
+# Nodes of a tree differ; nothing that is one packs better.
+_MOST_BYTES_PER_BYTE = 4096
+
 #: A node is its chunk. Children are −1 where there are none; a parent precedes its children.
 #: ``axis``: −1 leaf, 0 to 2 the left child lies below ``split``, 3 children of equal place.
 #: ``total``, ``low``, ``high``: samples and closed bounds of the whole subtree.
@@ -146,6 +149,8 @@ class Tree:
     def from_bytes(cls, data: bytes, file: Path) -> Tree:
         """Undo ``as_bytes``; raises InputError naming ``file`` where they are damaged."""
         try:
+            if not 0 <= zstandard.frame_content_size(data[4:]) <= _MOST_BYTES_PER_BYTE * len(data):
+                raise ValueError("it unpacks to more than a tree")
             plain = zstandard.ZstdDecompressor().decompress(data[4:])
             if struct.pack("<I", zlib.crc32(plain)) != data[:4]:
                 raise ValueError("a checksum does not match")
