@@ -14,6 +14,7 @@ demo: setup
 	# Masks that a user would draw by hand: of one scan and one photograph.
 	mkdir -p $(DEMO)/masks/training
 	cp $(DEMO)/truth/masks/scan_00.png $(DEMO)/truth/photos/object/photo_000.png $(DEMO)/masks/training
+	$(BIN)/workbench stability $(DEMO) --quick
 	$(BIN)/workbench run $(DEMO) --set verify.front_deg=180 --set texture.held_out=2 \
 		--set export.voxels=voxels --set export.voxel_resolution=512 --set export.surfels=30000 \
 		--set export.cells=context --set export.cell_resolution=512 --set 'export.clouds=["copc","potree"]'
