@@ -89,7 +89,8 @@ def test_a_stage_cannot_read_what_it_did_not_declare(project, run):
 
 @pytest.mark.parametrize("pipeline", [PIPELINE, REAL], ids=["fake", "real"])
 def test_every_artefact_has_one_maker_before_its_readers(pipeline):
-    made: set[str] = set()
+    # A command of its own makes what a report tells of the methods.
+    made = {"stability_table"}
     for stage in pipeline:
         assert not made & set(stage.writes), stage.name
         brought = {
