@@ -25,6 +25,8 @@ from workbench.formats.pcd import read_pcd
 from workbench.formats.ply import read_ply
 from workbench.formats.point_files import point_batches, read_points
 from workbench.formats.poses import read_aln, read_conf, read_scan_poses_json
+from workbench.formats.potree import HIERARCHY, METADATA, OCTREE
+from workbench.formats.potree_reading import PotreeCloud
 from workbench.formats.ptx import read_ptx
 from workbench.formats.range_ply import read_range_ply, write_range_ply
 from workbench.formats.scans import find_scans, read_scans
@@ -180,6 +182,18 @@ def _listed(path: Path) -> object:
     return [read_scans(file, {}, name) for file, name in zip(listing.files, listing.names)]  # noqa: B905
 
 
+def _potree_seeds(folder: Path) -> list[tuple[bytes, ...]]:
+    for name, attributes in (("a", True), ("b", False)):
+        export_points(some_points(30, attributes=attributes), folder / name, "potree")
+    return [of_files(folder / name, *_POTREE) for name in ("a", "b")]
+
+
+def _potree_whole(folder: Path) -> int:
+    cloud = PotreeCloud(folder)
+    return sum(len(batch) for batch in cloud.batches())
+
+
+_POTREE = (METADATA, HIERARCHY, OCTREE)
 _POSES = json.dumps(
     {"origin": [1, 2, 3], "scans": {"a": {"world_from_scan": np.eye(4).tolist()}}}
 ).encode()
@@ -232,6 +246,8 @@ SCAN_TARGETS = (
         _at("input.copc.laz", _drained),
         memory_bytes=64 * MIB,
     ),
+    # Eight children are told in one bit each.
+    Target("potree", _POTREE, _potree_seeds, (_potree_whole,), memory_multiple=1024),
     Target("poses-conf", ("input.conf",), lambda _: [(_CONF,)], _at("input.conf", read_conf)),
     Target("poses-aln", ("input.aln",), lambda _: [(_ALN,)], _at("input.aln", read_aln)),
     Target(

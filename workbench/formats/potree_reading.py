@@ -10,6 +10,7 @@ import json
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from workbench.errors import InputError
 from workbench.formats.point_attributes import unit_normals
 from workbench.formats.potree import HIERARCHY, METADATA, OCTREE
+from workbench.formats.whole_file import require_regular
 from workbench.geometry.point_set import PointSet
 
 _ENTRY = struct.Struct("<BBIQQ")
@@ -101,14 +103,19 @@ class PotreeCloud:
 
     def read(self, node: PotreeNode) -> PointSet:
         """The points of a node, with those of colours, normals and radii that it has."""
+        told = f"{node.points} points in {node.bytes} bytes"
+        if node.bytes != node.points * self._record.itemsize:
+            self._refuse("Its points are packed.", told)
+        if node.offset + node.bytes > self._octree_bytes:
+            self._refuse("Its points are cut short.", told)
         try:
             with open(self._told.with_name(OCTREE), "rb") as file:
                 file.seek(node.offset)
                 data = file.read(node.bytes)
         except OSError as error:
             self._refuse("Its points cannot be read.", str(error.strerror))
-        if len(data) != node.bytes or node.bytes != node.points * self._record.itemsize:
-            self._refuse("Its points are cut short, or packed.", f"{len(data)} bytes")
+        if len(data) != node.bytes:
+            self._refuse("Its points are cut short.", told)
         rows = np.frombuffer(data, self._record)
         names = self._record.names or ()
         color = normals = radius = None
@@ -124,17 +131,27 @@ class PotreeCloud:
 
     def batches(self) -> Iterator[PointSet]:
         """All points, node by node."""
+        # Each node has its own bytes: all of them are no more than there are.
+        if sum(node.bytes for node in self.nodes) > self._octree_bytes:
+            self._refuse("Its points are cut short.", f"{self._octree_bytes} bytes")
         for node in self.nodes:
             if node.points:
                 yield self.read(node)
 
+    @cached_property
+    def _octree_bytes(self) -> int:
+        path = self._told.with_name(OCTREE)
+        return path.stat().st_size if path.is_file() else 0
+
     def _metadata(self) -> dict[str, Any]:
+        require_regular(self._told)
         try:
             told = json.loads(self._told.read_text(encoding="utf-8"))
         except OSError as error:
             raise InputError(
                 "There is no Potree cloud.", file=self._told, found=error.strerror,
                 expected=f"a folder with {METADATA}, {HIERARCHY} and {OCTREE}",
+                fix="Name such a folder, or export the cloud anew.",
             ) from error  # fmt: skip
         except (ValueError, RecursionError) as error:
             self._refuse("It is no JSON.", str(error)[:200])
@@ -148,6 +165,7 @@ class PotreeCloud:
         self, first_chunk: int, low: NDArray[np.float64], side: float
     ) -> tuple[PotreeNode, ...]:
         path = self._told.with_name(HIERARCHY)
+        require_regular(path)
         try:
             data = path.read_bytes()
         except OSError as error:
