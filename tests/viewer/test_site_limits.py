@@ -105,3 +105,11 @@ def test_notes_that_are_damaged_are_made_again(site: Site, project: Project):
         note.write_text(damage)
         build_site(Project(project.root), SiteOptions(resolution=256, surfels=5000), Progress())
         assert note.read_text() == before
+
+
+def test_nothing_from_elsewhere_is_shown(site: Site, project: Project, secret: Path):
+    surface = project.root / "exports" / "surface.glb"
+    surface.unlink()
+    surface.symlink_to(secret)
+    with pytest.raises(InputError, match="leads out of the project"):
+        build_site(Project(project.root), SiteOptions(resolution=256, surfels=5000), Progress())

@@ -161,7 +161,7 @@ class Tasks:
                 if self.hashes.of_file(self.root / path) != content:
                     return None
             return dict(note["summary"])
-        except (OSError, ValueError, KeyError, TypeError, InputError):
+        except (OSError, ValueError, RecursionError, KeyError, TypeError, InputError):
             return None
 
     def _results(

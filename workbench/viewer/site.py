@@ -167,6 +167,15 @@ def _copied(source: Traversable, folder: Path) -> None:
 def _key(project: Project, hashes: FileHashes, form: Representation, options: SiteOptions) -> str:
     """What a form is made of and how, in a short name."""
     files = [path for name in form.sources for path in project.store.paths(name)]
+    for path in files:
+        # What is shown may be published: nothing gets there that is not of the project.
+        if not path.resolve().is_relative_to(project.root):
+            raise InputError(
+                "A file to be shown is a link that leads out of the project.",
+                file=path,
+                found=str(path.resolve()),
+                fix="put the file itself in its place",
+            )
     content = [hashes.of_file(path) for path in files]
     told = [_MAKERS, form.mode, content, form.settings(options)]
     return hash_of_value(told).rpartition(":")[2][:12]
