@@ -15,6 +15,7 @@ from stages.verify.development import development_chapter
 from stages.verify.masks import masks_chapter
 from stages.verify.options import VerifyOptions
 from stages.verify.orientation import orientation_chapter
+from stages.verify.page import page_chapter
 from stages.verify.stability import stability_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
 from stages.verify.texturing import texture_chapter
@@ -98,6 +99,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
         surfels, found = surfel_chapter(products, surface)
         cells, told = cell_chapter(products)
     metrics += found + told
+    shown, found = page_chapter(products)
+    metrics += found
     stability, found = stability_chapter(products)
     metrics += found
     warnings += unread
@@ -123,6 +126,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *surfels,
                 *cells,
                 *photographs,
+                *shown,
                 *stability,
             ),
             citations=_CITATIONS,
@@ -345,6 +349,7 @@ VERIFY = Stage[Any](
         "voxel_graph",
         "surfels",
         "point_cubes",
+        "page_measures",
         "stability_table",
         "reference_file",
         "photo_files",

@@ -67,6 +67,15 @@ def add_page_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         out: Annotated[Path, typer.Option(help="The folder of the site.")],
         resolution: ResolutionOption = 1024,
         surfels: SurfelsOption = 50_000,
+        measure: Annotated[
+            bool,
+            typer.Option(
+                "--measure",
+                help="Open it in a browser without a window, along a path around the object; the "
+                "next report tells what it costs. Needs playwright and Chromium.",
+            ),
+        ] = False,
+        steps: Annotated[int, typer.Option(min=3, max=1000, help="Of that path.")] = 50,
         as_json: JsonOption = False,
     ) -> Answer:
         """The model as static files for any web server."""
@@ -75,7 +84,16 @@ def add_page_commands(app: typer.Typer, pipeline: Pipeline) -> None:
         from workbench.viewer.site import publish as publish_site
 
         options = SiteOptions(resolution, surfels, os.cpu_count() or 1)
-        site = publish_site(build_site(Project(project), options, Progress()), out)
+        opened, progress = Project(project), Progress()
+        site = publish_site(build_site(opened, options, progress), out)
+        if measure:
+            from workbench.viewer.page_browser import browser
+            from workbench.viewer.page_measures import MeasureOptions, page_measures
+
+            with browser() as running:
+                settings = MeasureOptions(steps=steps)
+                told = page_measures(running, opened, site, settings, progress)
+            opened.store.save("page_measures", told)
         modes = [{key: mode[key] for key in _TOLD} for mode in site.scene["modes"]]
         return Answer(
             {

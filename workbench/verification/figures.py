@@ -18,7 +18,7 @@ from workbench.verification.quantities import shown_number
 from workbench.verification.svg import INK, inline_svg, page_style
 
 # Readable on light and dark paper, and apart from each other for colour-blind readers.
-SERIES = ("#2f7f79", "#c8791a", "#5a74a8", "#a3557a", "#7d8a3c")
+SERIES = ("#2f7f79", "#c8791a", "#5a74a8", "#a3557a", "#7d8a3c", "#55524c", "#6bb0d4")
 BEFORE = "#a79f91"
 _WIDTH = 4.5  # inches; 324 SVG units, so that text stays legible on a phone
 _LONGEST_LABEL = 22
@@ -279,8 +279,10 @@ def line_figure(
     x_label: str,
     y_label: str,
     alt: str,
+    *,
+    steps: bool = False,
 ) -> str:
-    """A line per series over one quantity, both axes logarithmic.
+    """A line per series over one quantity, axes logarithmic.
 
     Parameters
     ----------
@@ -290,6 +292,8 @@ def line_figure(
         label → ((n,) values > 0 of the quantity, (n,) values > 0).
     x_label, y_label
         quantity and unit.
+    steps
+        whether the quantity counts steps: its axis is linear then, and no step has a dot.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
@@ -299,11 +303,13 @@ def line_figure(
         axes = figure.add_subplot()
         for k, (label, (x, y)) in enumerate(series.items()):
             color = SERIES[k % len(SERIES)]
-            axes.plot(np.asarray(x), np.asarray(y), marker="o", markersize=4, color=color,
+            marker = "" if steps else "o"
+            axes.plot(np.asarray(x), np.asarray(y), marker=marker, markersize=4, color=color,
                       linewidth=1.4, label=_short(label))  # fmt: skip
-        axes.set_xscale("log")
         axes.set_yscale("log")
-        for axis in (axes.xaxis, axes.yaxis):
+        if not steps:
+            axes.set_xscale("log")
+        for axis in (axes.yaxis,) if steps else (axes.xaxis, axes.yaxis):
             axis.set_major_formatter(_plain_ticks())
             # Within a decade the small ticks would be labelled, in mathematics.
             axis.set_minor_formatter(NullFormatter())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from workbench.formats.gltf import encoded_from_linear, srgb_from_linear
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
+from workbench.kernels.depth_planes import plane_normals
 from workbench.kernels.morton import morton_codes
 from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
 from workbench.viewer.page_light import PLAIN, Light, lit
@@ -18,8 +19,8 @@ from workbench.viewer.surface_pictures import surface_picture
 from workbench.voxels.dag_file import VoxelGraph
 from workbench.voxels.graph_pictures import (
     PictureOptions,
+    TracedView,
     cell_colors,
-    traced_normals,
     traced_view,
 )
 from workbench.voxels.tracing import CellHits, VoxelTracer
@@ -35,7 +36,7 @@ def graph_picture(
 ) -> NDArray[np.uint8]:
     """What a camera sees of a voxel graph, (h, w, 4) uint8 sRGB; alpha 0 where nothing is.
 
-    A ray for each pixel, with normals of the depths around (Jaspe 2018, 5.5.2).
+    A ray for each pixel, with normals of the depths around, as in Jaspe 2018, 5.5.2, but fitted.
 
     Parameters
     ----------
@@ -61,10 +62,21 @@ def graph_picture(
         albedo = np.full((int(found.sum()), 3), PLAIN)
         if voxels.colors is not None:
             albedo = LINEAR_OF_BYTE[cell_colors(voxels, view.hits)[found]]
-        normals = traced_normals(tracer, camera, view)[found]
+        normals = _plane_normals(view, camera, voxels.grid.voxel_size)[found]
         picture[found, :3] = srgb_from_linear(lit(albedo, normals, view.directions[found], light))
         picture[found, 3] = 255
     return picture.reshape(camera.height, camera.width, 4)
+
+
+def _plane_normals(view: TracedView, camera: PhotoCamera, voxel: float) -> NDArray[np.float64]:
+    """Normals (h · w, 3) of the planes that depths around each pixel lie in."""
+    shape = (camera.height, camera.width)
+    depths = view.hits.distance * (view.directions @ camera.camera_from_world[2, :3])
+    inverse = np.where(view.hits.found, 1.0 / depths, 0.0).reshape(shape)
+    normals = np.empty((*shape, 3))
+    fx, fy, cx, cy = camera.params
+    plane_normals(inverse, voxel * view.hits.sizes.reshape(shape), (fx, fy, cx, cy), normals)
+    return normals.reshape(-1, 3) @ camera.camera_from_world[:3, :3]
 
 
 def voxel_picture(

@@ -185,20 +185,6 @@ def write_graph_picture(
     write_color_png(picture_path, seen)
 
 
-def traced_normals(
-    tracer: VoxelTracer, camera: PhotoCamera, view: TracedView
-) -> NDArray[np.float64]:
-    """Unit normals (h · w, 3) towards the camera, of the depths around; NaN for nothing."""
-    along = view.directions @ camera.camera_from_world[2, :3]
-    shape = (camera.height, camera.width)
-    return screen_normals(
-        (view.hits.distance * along).reshape(shape),
-        (view.directions / along[:, None]).reshape(*shape, 3),
-        (view.hits.sizes.astype(np.float64) * tracer.grid.voxel_size).reshape(shape),
-        1.0 / _focal(camera),
-    ).reshape(-1, 3)
-
-
 def cell_colors(voxels: VoxelGraph, hits: CellHits) -> NDArray[np.uint8]:
     """Colours (n, 3) of the cells met, sRGB: the mean of their voxels, or plain stone."""
     colors = np.broadcast_to(_STONE, (len(hits.sizes), 3)).copy()
@@ -238,7 +224,14 @@ def _light(
 ) -> NDArray[np.float64]:
     """Brightness (h · w,) in 0 … 1 of what is seen."""
     world_from_camera = camera.camera_from_world[:3, :3].T
-    normals = traced_normals(tracer, camera, view)
+    along = view.directions @ camera.camera_from_world[2, :3]
+    shape = (camera.height, camera.width)
+    normals = screen_normals(
+        (view.hits.distance * along).reshape(shape),
+        (view.directions / along[:, None]).reshape(*shape, 3),
+        (view.hits.sizes.astype(np.float64) * tracer.grid.voxel_size).reshape(shape),
+        1.0 / _focal(camera),
+    ).reshape(-1, 3)
     to_light = world_from_camera @ np.array(options.light)
     to_light /= np.linalg.norm(to_light)
     lit = np.clip(np.nan_to_num(normals) @ to_light, 0.0, 1.0)

@@ -1,11 +1,22 @@
 // WebGL2: programs that say what is wrong with them, buffers and textures whose bytes are counted.
 
-/** Bytes that are on the GPU now, by kind; drawing calls and triangles or points of a frame. */
+/** Bytes that are on the GPU now, and all that ever came; drawing calls and items of a frame. */
 export class Counts {
+  #bytes = 0;
+
   constructor() {
-    this.bytes = 0;
+    this.uploaded = 0;
     this.calls = 0;
     this.items = 0;
+  }
+
+  get bytes() {
+    return this.#bytes;
+  }
+
+  set bytes(bytes) {
+    this.uploaded += Math.max(0, bytes - this.#bytes);
+    this.#bytes = bytes;
   }
 
   startFrame() {
