@@ -60,6 +60,9 @@ def test_it_shows_the_points_as_a_closed_surface(project: Project, site: Site, s
     )
     look_from(tab, VIEW)
     picture = tab.picture()
+    # A server without ranges is asked for no file twice.
+    folder = project.root / "exports" / "potree"
+    assert tab.value("page.network.bytes") <= sum(f.stat().st_size for f in folder.iterdir())
     assert similarity(picture, ray_cast(ball, VIEW, WIDTH, HEIGHT)) > 0.9
     wanted = WantedView.of_texts(VIEW.link, f"{WIDTH}x{HEIGHT}", "camera")
     own = drawn_model(project.root, "cloud", wanted).picture

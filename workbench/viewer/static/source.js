@@ -107,14 +107,20 @@ export class Source {
     this.network = network;
     this.url = url;
     this.whole = null;
+    this.first = null;
   }
 
   /** Bytes of a part; a server that sends the whole file instead is asked once only. */
   async range(offset, bytes, options = {}) {
     if (this.whole) return this.#cut(await this.whole, offset, bytes);
     if (!bytes) return new ArrayBuffer(0);
+    // Until an answer tells whether the server knows ranges, any other could bring the whole file, too.
+    if (this.first) await this.first.catch(() => {});
+    if (this.whole) return this.#cut(await this.whole, offset, bytes);
     const asked = { Range: `bytes=${offset}-${offset + bytes - 1}` };
-    const answer = await this.network.get(this.url, asked, options);
+    const coming = this.network.get(this.url, asked, options);
+    this.first ??= coming;
+    const answer = await coming;
     if (answer.status !== 206) {
       this.whole = Promise.resolve(answer.body);
       return this.#cut(answer.body, offset, bytes);
