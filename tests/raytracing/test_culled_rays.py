@@ -165,7 +165,8 @@ def test_a_ray_that_runs_nowhere_or_is_not_finite_meets_nothing(tmp_path):
 def test_pairs_are_visible_where_some_ray_meets_the_box_in_float64():
     random = np.random.default_rng(6)
     rays = random.normal(size=(400, 6)).astype(np.float32)
-    inverse = (1.0 / rays[:, 3:]).astype(np.float32)
+    origins = np.ascontiguousarray(rays[:, :3].T)
+    inverse = np.ascontiguousarray((1.0 / rays[:, 3:]).T)
     nearest = random.uniform(0.1, 3.0, 400).astype(np.float32)
     low = random.uniform(-1.0, 0.8, (30, 3))
     boxes = np.hstack([low, low + random.uniform(0.01, 0.2, (30, 3))]).astype(np.float32)
@@ -179,6 +180,6 @@ def test_pairs_are_visible_where_some_ray_meets_the_box_in_float64():
         for threshold in (met - 1, met):
             if threshold >= 0:
                 seen = pair_is_visible(
-                    rays, inverse, nearest, 0, 400, node, boxes, children, ends, threshold
+                    origins, inverse, nearest, 0, 400, node, boxes, children, ends, threshold
                 )
                 assert seen == (met > threshold)

@@ -20,53 +20,48 @@ LEFT, RIGHT = 0, 1
 CHILDREN = 4
 # What rounding of the entry and of the stored hit may differ by, relative.
 _SLACK = np.float32(1.0 - 1e-5)
+# Rays that are held against a box before it is seen whether that suffices.
+_AT_ONCE = 128
 
 
 @njit(cache=True, nogil=True)
-def meets_box(
-    ray: NDArray[np.float32],
-    inverse: NDArray[np.float32],
-    nearest: float | np.floating,
-    box: NDArray[np.float32],
-) -> bool:
-    """Whether a ray (6,) enters a box (6,) no later than its nearest hit so far.
-
-    ``inverse`` (3,) holds finite reciprocals of the direction. A ray whose nearest is negative
-    meets nothing.
-    """
-    enter, leave = np.float32(0.0), np.float32(nearest)
-    for axis in range(3):
-        one = (box[axis] - ray[axis]) * inverse[axis]
-        two = (box[3 + axis] - ray[axis]) * inverse[axis]
-        enter = max(enter, min(one, two))
-        leave = min(leave, max(one, two))
-    return bool(enter * _SLACK <= leave)
-
-
-@njit(cache=True, nogil=True)
-def _meets_node(
-    rays: NDArray[np.float32],
+def _mark_meeting(
+    origins: NDArray[np.float32],
     inverse: NDArray[np.float32],
     nearest: NDArray[np.float32],
-    i: int | np.integer,
-    node: int | np.integer,
-    boxes: NDArray[np.float32],
-    children: NDArray[np.int32],
-    ends: NDArray[np.bool_],
-) -> bool:
-    """Of a node that is divided further its two children's boxes are asked: tighter together."""
-    if ends[node]:
-        return bool(meets_box(rays[i], inverse[i], nearest[i], boxes[node]))
-    left, right = boxes[children[node, LEFT]], boxes[children[node, RIGHT]]
-    return bool(
-        meets_box(rays[i], inverse[i], nearest[i], left)
-        or meets_box(rays[i], inverse[i], nearest[i], right)
-    )
+    first: int | np.integer,
+    last: int | np.integer,
+    box: NDArray[np.float32],
+    marks: NDArray[np.uint8],
+) -> None:
+    """Set marks of rays ``first`` to ``last``, from 0 on, that enter a box before their nearest.
+
+    Choices instead of min and max, and rows for axes, let the compiler take several rays at once.
+    """
+    x, y, z = origins[0, first:last], origins[1, first:last], origins[2, first:last]
+    u, v, w = inverse[0, first:last], inverse[1, first:last], inverse[2, first:last]
+    limit = nearest[first:last]
+    x0, y0, z0, x1, y1, z1 = box[0], box[1], box[2], box[3], box[4], box[5]
+    for i in range(len(limit)):
+        enter, leave = np.float32(0.0), limit[i]
+        one, two = (x0 - x[i]) * u[i], (x1 - x[i]) * u[i]
+        low, high = (one, two) if one < two else (two, one)
+        enter = low if low > enter else enter
+        leave = high if high < leave else leave
+        one, two = (y0 - y[i]) * v[i], (y1 - y[i]) * v[i]
+        low, high = (one, two) if one < two else (two, one)
+        enter = low if low > enter else enter
+        leave = high if high < leave else leave
+        one, two = (z0 - z[i]) * w[i], (z1 - z[i]) * w[i]
+        low, high = (one, two) if one < two else (two, one)
+        enter = low if low > enter else enter
+        leave = high if high < leave else leave
+        marks[i] |= np.uint8(1) if enter * _SLACK <= leave else np.uint8(0)
 
 
 @njit(cache=True, nogil=True)
 def pair_is_visible(
-    rays: NDArray[np.float32],
+    origins: NDArray[np.float32],
     inverse: NDArray[np.float32],
     nearest: NDArray[np.float32],
     first: int | np.integer,
@@ -77,39 +72,27 @@ def pair_is_visible(
     ends: NDArray[np.bool_],
     threshold: int,
 ) -> bool:
-    """Whether more than ``threshold`` of the rays ``first`` to ``last`` meet a node."""
+    """Whether more than ``threshold`` of the rays ``first`` to ``last`` meet a node.
+
+    ``origins`` and ``inverse``, finite reciprocals of directions, are (3, r); a ray whose nearest
+    hit so far is negative meets nothing. Of a node that is divided further its two children's
+    boxes are asked: they are tighter together.
+    """
+    marks = np.empty(_AT_ONCE, np.uint8)
     count = 0
-    for i in range(first, last):
-        if _meets_node(rays, inverse, nearest, i, node, boxes, children, ends):
-            count += 1
-            if count > threshold:
-                return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def any_pair_is_visible(
-    rays: NDArray[np.float32],
-    inverse: NDArray[np.float32],
-    nearest: NDArray[np.float32],
-    first: int,
-    last: int,
-    nodes: NDArray[np.int32],
-    boxes: NDArray[np.float32],
-    children: NDArray[np.int32],
-    ends: NDArray[np.bool_],
-    threshold: int,
-) -> bool:
-    """One query of several nodes over one tile: whether any of them has become visible."""
-    counts = np.zeros(len(nodes), np.int64)
-    for i in range(first, last):
-        if nearest[i] < 0.0:
-            continue
-        for k in range(len(nodes)):
-            if _meets_node(rays, inverse, nearest, i, nodes[k], boxes, children, ends):
-                counts[k] += 1
-                if counts[k] > threshold:
-                    return True
+    for begin in range(first, last, _AT_ONCE):
+        end = min(begin + _AT_ONCE, last)
+        marks[:] = 0
+        if ends[node]:
+            _mark_meeting(origins, inverse, nearest, begin, end, boxes[node], marks)
+        else:
+            left, right = children[node, LEFT], children[node, RIGHT]
+            _mark_meeting(origins, inverse, nearest, begin, end, boxes[left], marks)
+            _mark_meeting(origins, inverse, nearest, begin, end, boxes[right], marks)
+        for i in range(_AT_ONCE):
+            count += np.int64(marks[i])
+        if count > threshold:
+            return True
     return False
 
 
@@ -168,7 +151,7 @@ def refine_pairs(
     keys: NDArray[np.float32],
     queue: NDArray[np.int32],
     size: int,
-    rays: NDArray[np.float32],
+    origins: NDArray[np.float32],
     inverse: NDArray[np.float32],
     nearest: NDArray[np.float32],
     slices: NDArray[np.int64],
@@ -189,7 +172,7 @@ def refine_pairs(
     ----------
     pairs : (p, 4) int32: tile, node, parent pair and state; ``count`` of them are there.
     keys, queue : (p,) heap of pairs to ask, ``size`` of them.
-    rays, inverse, nearest : (r, 6), (r, 3) and (r,) float32, as of `meets_box`.
+    origins, inverse, nearest : (3, r), (3, r) and (r,) float32, as of `pair_is_visible`.
     slices : (t, 2) first ray of a tile and the one behind its last.
     quarters : (t,) first of a tile's four children, which follow one another; −1 for none.
     middles : (t, 3) about where the rays of a tile begin.
@@ -213,8 +196,8 @@ def refine_pairs(
         tile, node = pairs[pair, TILE], pairs[pair, NODE]
         queries += 1
         if not pair_is_visible(
-            rays, inverse, nearest, slices[tile, 0], slices[tile, 1], node, boxes, children, ends,
-            threshold,
+            origins, inverse, nearest, slices[tile, 0], slices[tile, 1], node, boxes, children,
+            ends, threshold,
         ):  # fmt: skip
             pairs[pair, STATE] = INVISIBLE
             continue
@@ -246,6 +229,7 @@ def refine_pairs(
 @njit(cache=True, nogil=True)
 def gather_rays(
     rays: NDArray[np.float32],
+    origins: NDArray[np.float32],
     inverse: NDArray[np.float32],
     nearest: NDArray[np.float32],
     slices: NDArray[np.int64],
@@ -253,18 +237,23 @@ def gather_rays(
     gathered: NDArray[np.float32],
     numbers: NDArray[np.int64],
 ) -> int:
-    """Copy the rays of some tiles, ``slices`` (k, 2), that meet a box; returns how many.
+    """Copy the rays (r, 6) of some tiles, ``slices`` (k, 2), that meet a box; returns how many.
 
     ``gathered`` (m, 6) and ``numbers`` (m,) are written; m is no less than the rays of the tiles.
     """
     count = 0
+    marks = np.empty(_AT_ONCE, np.uint8)
     for k in range(len(slices)):
-        for i in range(slices[k, 0], slices[k, 1]):
-            if meets_box(rays[i], inverse[i], nearest[i], box):
-                for axis in range(6):
-                    gathered[count, axis] = rays[i, axis]
-                numbers[count] = i
-                count += 1
+        for begin in range(slices[k, 0], slices[k, 1], _AT_ONCE):
+            end = min(begin + _AT_ONCE, slices[k, 1])
+            marks[:] = 0
+            _mark_meeting(origins, inverse, nearest, begin, end, box, marks)
+            for i in range(begin, end):
+                if marks[i - begin]:
+                    for axis in range(6):
+                        gathered[count, axis] = rays[i, axis]
+                    numbers[count] = i
+                    count += 1
     return count
 
 
@@ -298,7 +287,7 @@ def keep_nearest(
 
 @njit(cache=True, nogil=True)
 def visible_groups(
-    rays: NDArray[np.float32],
+    origins: NDArray[np.float32],
     inverse: NDArray[np.float32],
     nearest: NDArray[np.float32],
     slices: NDArray[np.int64],
@@ -317,8 +306,10 @@ def visible_groups(
     answer = np.zeros(len(tiles), np.bool_)
     for g in range(len(tiles)):
         first, last = slices[tiles[g], 0], slices[tiles[g], 1]
-        answer[g] = any_pair_is_visible(
-            rays, inverse, nearest, first, last, nodes[starts[g] : starts[g + 1]], boxes,
-            children, ends, threshold,
-        )  # fmt: skip
+        for k in range(starts[g], starts[g + 1]):
+            if pair_is_visible(
+                origins, inverse, nearest, first, last, nodes[k], boxes, children, ends, threshold
+            ):
+                answer[g] = True
+                break
     return answer

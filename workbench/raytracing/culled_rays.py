@@ -45,7 +45,9 @@ class CullingOptions:
     balance : t_q of the rule that divides boxes or tiles (4.4.4).
     smallest_tile : rays of a tile that is divided no further, at most.
     most_triangles, most_height : of subtrees that are cast as they are.
-    found_at_once : m, visible pairs that are collected before they are cast.
+    found_at_once : m, visible pairs that are collected before they are cast. With few, near ones
+        hide what is behind them; with many, a subtree is read once for all rays that may meet it,
+        which is worth more here than on a graphics card.
     recheck_every : casts after which visible pairs are asked again.
     threshold : rays of a tile that a box may meet and be culled nevertheless: 0 is conservative,
         more is aggressive.
@@ -56,10 +58,10 @@ class CullingOptions:
     smallest_tile: int = 1024
     most_triangles: int = 1 << 20
     most_height: int = 24
-    found_at_once: int = 4096
+    found_at_once: int = 1 << 16
     recheck_every: int = 3
     threshold: int = 0
-    cache_parts: int = 16
+    cache_parts: int = 8
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class _Cast:
     """One call's rays with all that the kernels ask for."""
 
     rays: NDArray[np.float32]
+    origins: NDArray[np.float32]
     inverse: NDArray[np.float32]
     nearest: NDArray[np.float32]
     tiles: RayTiles
@@ -166,14 +169,16 @@ class CulledRays:
         take: Callable[[EmbreeScene, NDArray[np.float32], NDArray[np.int64]], None],
     ) -> _Cast:
         tiles = ray_tiles(len(rays), self.options.smallest_tile)
-        direction = rays[:, 3:]
+        direction = np.ascontiguousarray(rays[:, 3:].T)
         with np.errstate(divide="ignore", over="ignore"):
             inverse = np.clip(np.float32(1.0) / direction, -_LARGEST_INVERSE, _LARGEST_INVERSE)
         # Rays are held against boxes in float32, whose steps grow with what is subtracted.
         farthest = float(np.abs(rays[:, :3]).max(initial=0.0, where=np.isfinite(rays[:, :3])))
         boxes = self._tree.boxes(1e-6 * (1.0 + farthest))
         middle = np.minimum(tiles.slices.sum(axis=1) // 2, len(rays) - 1)
-        return _Cast(rays, inverse, nearest, tiles, rays[middle, :3].copy(), boxes, take)
+        origins = np.ascontiguousarray(rays[:, :3].T)
+        middles = rays[middle, :3].copy()
+        return _Cast(rays, origins, inverse, nearest, tiles, middles, boxes, take)
 
     def _turned_visible(self, cast: _Cast, front: VisibilityFront) -> NDArray[np.int32]:
         """Rows of pairs culled last time that have to be asked one by one: multi-queries."""
@@ -183,7 +188,7 @@ class CulledRays:
         tiles, nodes = front.tiles_and_nodes(rows)
         starts = np.concatenate([[0], 1 + np.flatnonzero(np.diff(tiles)), [len(tiles)]])
         turned = visible_groups(
-            cast.rays, cast.inverse, cast.nearest, cast.tiles.slices, starts,
+            cast.origins, cast.inverse, cast.nearest, cast.tiles.slices, starts,
             tiles[starts[:-1]], nodes, cast.boxes, self._tree.children, self._ends,
             self.options.threshold,
         )  # fmt: skip
@@ -206,7 +211,7 @@ class CulledRays:
             more = len(front.pairs) - len(keys)
             keys, queue = np.pad(keys, (0, more)), np.pad(queue, (0, more))
             front.count, size, hits, queries = refine_pairs(
-                front.pairs, front.count, keys, queue, size, cast.rays, cast.inverse,
+                front.pairs, front.count, keys, queue, size, cast.origins, cast.inverse,
                 cast.nearest, cast.tiles.slices, cast.tiles.quarters, cast.middles,
                 cast.tiles.shares, cast.boxes, self._tree.children, self._ends,
                 self._tree.shares, self.options.balance, self.options.threshold, found,
@@ -222,7 +227,7 @@ class CulledRays:
             return
         tiles, nodes = front.tiles_and_nodes(rows)
         still = visible_groups(
-            cast.rays, cast.inverse, cast.nearest, cast.tiles.slices, np.arange(len(rows) + 1),
+            cast.origins, cast.inverse, cast.nearest, cast.tiles.slices, np.arange(len(rows) + 1),
             tiles, nodes, cast.boxes, self._tree.children, self._ends, self.options.threshold,
         )  # fmt: skip
         self.counts.queries += len(rows)
@@ -247,8 +252,9 @@ class CulledRays:
         count = int((slices[:, 1] - slices[:, 0]).sum())
         gathered, numbers = np.empty((count, 6), np.float32), np.empty(count, np.int64)
         count = gather_rays(
-            cast.rays, cast.inverse, cast.nearest, slices, cast.boxes[node], gathered, numbers
-        )
+            cast.rays, cast.origins, cast.inverse, cast.nearest, slices, cast.boxes[node],
+            gathered, numbers,
+        )  # fmt: skip
         # What was cast before may hide the node from all its rays: it is not even read then.
         if count:
             cast.take(self.cache.scene(node), gathered[:count], numbers[:count])
