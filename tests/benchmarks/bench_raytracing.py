@@ -174,7 +174,8 @@ def table(
     print(
         f"\n{name}: {len(mesh.triangles):,} triangles in {len(file.chunks)} chunks, "
         f"{size / 1e6:.0f} MB on disk, cut in {cut:.1f} s; in core "
-        f"{scene_bytes(file.triangles) / 1e6:.0f} MB, built in {build:.1f} s; the cache holds {SHARE:.0%}"
+        f"{scene_bytes(file.triangles) / 1e6:.0f} MB, built in {build:.1f} s; "
+        f"the cache holds {SHARE:.0%}"
     )
     print(
         f"{'view':6s}{'kind':>9s}{'Mrays/s':>9s}{'in core':>9s}{'queries':>10s}{'MB read':>9s}"
@@ -216,7 +217,8 @@ def table(
             )
             print(
                 f"{view.name:6s}{threshold:6d}{done.seconds:8.2f}"
-                f"{exact.seconds / done.seconds:10.2f}{done.bytes_read / arguments.frames / 1e6:9.1f}"
+                f"{exact.seconds / done.seconds:10.2f}"
+                f"{done.bytes_read / arguments.frames / 1e6:9.1f}"
                 f"{error:19.3f}",
                 flush=True,
             )

@@ -90,7 +90,7 @@ def pair_is_visible(
             _mark_meeting(origins, inverse, nearest, begin, end, boxes[left], marks)
             _mark_meeting(origins, inverse, nearest, begin, end, boxes[right], marks)
         for i in range(_AT_ONCE):
-            count += np.int64(marks[i])
+            count += int(marks[i])
         if count > threshold:
             return True
     return False
