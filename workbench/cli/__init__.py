@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
+from workbench.cli.bake_commands import add_bake_commands
 from workbench.cli.lod_commands import add_lod_commands
 from workbench.cli.page_commands import add_page_commands
 from workbench.cli.project_commands import add_project_commands
@@ -32,6 +33,7 @@ def build_cli(pipeline: Pipeline) -> typer.Typer:
     add_project_commands(app, pipeline)
     add_page_commands(app, pipeline)
     add_tool_commands(app, pipeline)
+    add_bake_commands(app)
     add_lod_commands(app)
     add_render_commands(app)
     add_stability_commands(app)

@@ -47,12 +47,22 @@ class SurfaceSource(Protocol):
 
 def surface_frame(source: SurfaceSource) -> LocalFrame:
     """The local frame of a surface; raises `InputError` where vertices are not finite."""
+    return LocalFrame.of_bounds(*_bounds(source))
+
+
+def surface_diagonal(source: SurfaceSource) -> float:
+    """Of the bounds of all vertices, in the surface's unit."""
+    low, high = _bounds(source)
+    return float(np.linalg.norm(high - low))
+
+
+def _bounds(source: SurfaceSource) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for points in source.points():
         # NaN does not vanish in these minima, and is refused with the bounds.
         low = np.minimum(low, points.min(axis=0))
         high = np.maximum(high, points.max(axis=0))
-    return LocalFrame.of_bounds(low, high)
+    return low, high
 
 
 class MeshSource:
