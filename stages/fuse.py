@@ -14,6 +14,7 @@ from pydantic import Field
 from workbench.errors import InputError
 from workbench.geometry.transforms import rigid
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.pipeline.tasks import ItemProducts, Payload
 from workbench.project.project import Scene
@@ -200,4 +201,8 @@ FUSE = Stage(
     run=run,
     libraries=("numpy", "scipy", "open3d", "lmdb", "zstandard"),
     estimate=estimate,
+    knobs=(
+        Knob("thinning", (0.0, 0.5, 1.0, 2.0, 4.0), quick=(0.0, 1.0, 2.0)),
+        Knob("half_window", (1, 2, 3, 4), quick=(1,)),
+    ),
 )

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.pipeline.tasks import ItemProducts, Payload
 from workbench.project.hashing import hash_of_value
@@ -389,4 +390,8 @@ INFILL = Stage[Any](
     run=run,
     libraries=("numpy", "scipy", "pymeshlab"),
     estimate=estimate,
+    knobs=(
+        Knob("depth", (6, 7, 8, 9, 10), quick=(6, 7)),
+        Knob("refine_rounds", (0, 1, 2, 4), quick=(0,)),
+    ),
 )

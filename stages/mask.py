@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.pipeline.tasks import ItemProducts, Payload
 from workbench.project.mask_subjects import photos_by_name, scan_subjects, subjects_of
@@ -392,5 +393,6 @@ MASK = Stage(
     run=run,
     libraries=("numpy", "opencv-contrib-python-headless", "rawpy", "PyMaxflow", "scikit-learn"),
     estimate=estimate,
+    knobs=(Knob("trees", (0, 5, 10, 30, 60), quick=(0, 10)),),
     suggest=suggest,
 )

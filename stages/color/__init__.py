@@ -17,6 +17,7 @@ from stages.color.options import ColorOptions
 from stages.color.photographs import Photographs, Together
 from stages.color.telling import color_metrics, color_warnings, flash_document, flash_metrics
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.photo_surface import surface_mesh, told_photo, told_surface
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.project import Scene
@@ -290,4 +291,8 @@ COLOR = Stage(
     run=run,
     libraries=("numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless"),
     estimate=estimate,
+    knobs=(
+        Knob("image_px", (400, 800, 1600, 3200, 6400), quick=(400, 800)),
+        Knob("inpaint_cycles", (5, 10, 20, 60), quick=(10,)),
+    ),
 )

@@ -25,6 +25,7 @@ from workbench.errors import SettingsError
 from workbench.photos.calibration_notes import read_calibration_notes
 from workbench.photos.exif import sidecar_files
 from workbench.photos.exposure import compared_exposures
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.mask_subjects import photos_by_name
 from workbench.project.project import PHOTO_SUFFIXES, Scene
@@ -234,4 +235,8 @@ DEVELOP = Stage(
         *("exifread", "colour-science"),
     ),
     estimate=estimate,
+    knobs=(
+        Knob("demosaic", ("linear", "vng", "ahd", "dht"), quick=("linear",)),
+        Knob("half_size", (True, False), quick=(True,)),
+    ),
 )

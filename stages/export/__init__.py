@@ -16,6 +16,7 @@ from stages.export.textured import write_textured
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.project import Scene
 
@@ -25,6 +26,13 @@ _VOXELS_OF_SQUARE = 4
 _LEVEL_BYTES, _GRAPH_MEMORY, _GRAPH_BYTES = 16, 60, 5
 # Of a surfel in each of the levels of its tree; of a coded cell in memory and in its file.
 _SURFEL_BYTES, _CELL_MEMORY, _CELL_BYTES = 100, 120, 8
+
+# All else is left out while one kind of levels is swept.
+_ALONE = {
+    **dict.fromkeys(("ply", "obj", "glb", "textured_glb", "textured_obj"), False),
+    "voxels": "none", "surfels": 0, "cells": "none", "clouds": (),
+}
+_VOXELS, _SURFELS = _ALONE | {"voxels": "voxels"}, _ALONE | {"surfels": 30_000}
 
 
 def needed(scene: Scene, options: ExportOptions) -> Need:
@@ -148,4 +156,9 @@ EXPORT = Stage(
     run=run,
     libraries=("numpy", "colour-science", "opencv-contrib-python-headless"),
     estimate=estimate,
+    knobs=(
+        Knob("voxel_resolution", (128, 256, 512, 1024, 2048), (128, 256, 512), _VOXELS, "voxels"),
+        Knob("surfels", (3000, 10_000, 30_000, 100_000), (3000, 10_000), _SURFELS, "surfels"),
+        Knob("surfel_candidates_px", (128, 256, 512, 1024), (256,), _SURFELS, "surfels"),
+    ),
 )

@@ -21,6 +21,7 @@ from stages.orient.telling import (
 )
 from workbench.errors import InputError
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.mask_subjects import photos_by_name
 from workbench.project.project import Scene
@@ -343,4 +344,10 @@ ORIENT = Stage(
         "rawpy",
     ),
     estimate=estimate,
+    knobs=(
+        Knob("image_px", (800, 1600, 3200)),
+        Knob("features", (1500, 3000, 6000), quick=(3000,)),
+        Knob("patch_rounds", (0, 1, 2), quick=(0,)),
+        Knob("patches_per_photo", (2000, 4000, 8000), quick=(2000,)),
+    ),
 )

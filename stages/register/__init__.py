@@ -14,6 +14,7 @@ from stages.register.held_scans import HeldScans, held_scans, own_poses
 from workbench.errors import InputError
 from workbench.geometry.transforms import Matrix4, inverse, rigid, rotation_angle_deg
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
@@ -332,4 +333,5 @@ REGISTER = Stage(
     run=run,
     libraries=("numpy", "scipy", "open3d", "numba"),
     estimate=estimate,
+    knobs=(Knob("samples_per_scan", (500, 1500, 3000, 6000, 12_000), quick=(1500, 3000, 12_000)),),
 )

@@ -14,6 +14,7 @@ from stages.texture.surface import textured_surface
 from stages.texture.telling import depth_metrics, photo_metrics
 from workbench.errors import InputError
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
 from workbench.pipeline.photo_surface import surface_mesh, told_photo, told_surface
 from workbench.pipeline.stage import Estimate, Job, Need, Products, Stage, StageResult
 from workbench.project.project import Scene
@@ -251,4 +252,10 @@ TEXTURE = Stage(
         *("PyMaxflow", "colour-science"),
     ),
     estimate=estimate,
+    knobs=(
+        Knob("depth_map_px", (64, 128, 256, 512), quick=(64, 128), fixed={"held_out": 2}),
+        Knob("most_candidates", (2, 4, 8, 16), quick=(4,), fixed={"held_out": 2}),
+        Knob("edge_samples", (1, 2, 4), fixed={"held_out": 2}),
+        Knob("cycles", (0, 1, 2, 4), fixed={"held_out": 2}),
+    ),
 )

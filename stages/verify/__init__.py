@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.verify.color import color_chapter
 from stages.verify.development import development_chapter
+from stages.verify.errors import ERRORS
+from stages.verify.frames import OBJECT, compared_poses, true_hits
 from stages.verify.masks import masks_chapter
 from stages.verify.options import VerifyOptions
 from stages.verify.orientation import orientation_chapter
 from stages.verify.page import page_chapter
 from stages.verify.stability import stability_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
+from stages.verify.sweep import sweep_chapter
 from stages.verify.texturing import texture_chapter
 from stages.verify.voxels import voxel_chapter
 from workbench.errors import InputError
@@ -47,8 +48,6 @@ _REPRODUCIBILITY = (
 
 
 _TRUTHS_SHOWN = 2
-# The material of the object in a simulation's truth; others are its support and surroundings.
-_OBJECT = 0
 # More samples change no figure that is shown.
 _SAMPLES_COMPARED = 2_000_000
 
@@ -101,6 +100,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     metrics += found + told
     shown, found = page_chapter(products)
     metrics += found
+    sweep, found = sweep_chapter(products)
+    metrics += found
     stability, found = stability_chapter(products)
     metrics += found
     warnings += unread
@@ -127,6 +128,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *cells,
                 *photographs,
                 *shown,
+                *sweep,
                 *stability,
             ),
             citations=_CITATIONS,
@@ -233,7 +235,7 @@ def _known(job: Job[VerifyOptions], surface: TriangleMesh) -> _Known:
     products, inventory = job.products, job.products.load_if_there("scan_inventory")
     origin = np.array(inventory["origin_m"]) if inventory else np.zeros(3)
     if job.scene.truth and inventory:
-        poses = _compared_poses(job, inventory)
+        poses = compared_poses(products, inventory)
         arrays = products.load("truth_surface")
         # The truth's own local frame, brought around the project origin and then into place.
         model_from_local = poses.estimate_from_truth @ rigid(np.eye(3), arrays["origin"] - origin)
@@ -241,9 +243,9 @@ def _known(job: Job[VerifyOptions], surface: TriangleMesh) -> _Known:
         # What was masked away is no part of the model, so no part of what it is held against.
         masked = bool(products.items("scan_masks"))
         if masked:
-            triangles = triangles[arrays["material"][triangles[:, 0]] == _OBJECT]
+            triangles = triangles[arrays["material"][triangles[:, 0]] == OBJECT]
         truth = TriangleMesh(apply(model_from_local, arrays["vertices"]), triangles)
-        hits = apply(model_from_local, _true_hits(job, masked))
+        hits = apply(model_from_local, true_hits(products, masked))
         spacing = products.load("simulation")["nominal_sample_spacing_m"]
         compared = compare_to_truth(surface, truth, samples=job.options.samples)
         flagged = infill_flagging(surface, truth, hits, spacing, samples=job.options.samples)
@@ -255,34 +257,6 @@ def _known(job: Job[VerifyOptions], surface: TriangleMesh) -> _Known:
     reference = read_surface(paths[0])
     reference = replace(reference, vertices=reference.vertices - origin)
     return _Known(reference, None, paths[0].name, tuple(reference_metrics(surface, reference)))
-
-
-def _compared_poses(job: Job[VerifyOptions], inventory: Mapping[str, Any]) -> Any:
-    from workbench.verification.gauge import compare_poses
-
-    to_project = rigid(np.eye(3), -np.array(inventory["origin_m"]))
-
-    def around_origin(poses: Mapping[str, Any]) -> dict[str, Matrix4]:
-        scans = poses["scans"]
-        return {n: to_project @ np.array(scans[n]["world_from_scan"]) for n in scans}
-
-    estimate = around_origin(job.products.load("scan_poses"))
-    truth = around_origin(job.products.load("truth_poses"))
-    centres = {e["name"]: np.array(e["centre_in_scan_m"]) for e in inventory["scans"]}
-    extent = float(np.median([max(e["extent_m"]) for e in inventory["scans"]]))
-    return compare_poses(estimate, {n: truth[n] for n in estimate}, centres, extent)
-
-
-def _true_hits(job: Job[VerifyOptions], object_alone: bool) -> NDArray[np.float64]:
-    """(k, 3) places in the truth's own frame that some beam met squarely."""
-    hits = []
-    for item in job.products.items("truth_samples"):
-        arrays = job.products.load("truth_samples", item)
-        square = ~(arrays["is_mixed"] | arrays["is_stray"])
-        if object_alone:
-            square &= arrays["material"] == _OBJECT
-        hits.append(arrays["true_points_in_local"][square])
-    return np.concatenate(hits)
 
 
 def _photographs(
@@ -351,6 +325,7 @@ VERIFY = Stage[Any](
         "point_cubes",
         "page_measures",
         "stability_table",
+        "sweep_points",
         "reference_file",
         "photo_files",
         "photo_inventory",
@@ -393,4 +368,5 @@ VERIFY = Stage[Any](
     libraries=("numpy", "scipy", "open3d", "matplotlib", "rawpy", "colour-science"),
     estimate=estimate,
     reads_truth=True,
+    errors=ERRORS,
 )

@@ -56,16 +56,17 @@ def _masked_scans(products: Products, truth_known: bool) -> MaskedKind | None:
         )
         for name in evenly_chosen(names, _MASKS_SHOWN)
     ]
-    checked, truth = _against_corrections(products, "scan")
+    checked, truth = against_corrections(products, "scan")
     if truth_known:
         # A sample as near as its neighbours tells of the same place.
         radius = max(1e-3, products.load("simulation")["nominal_sample_spacing_m"])
-        samples = [_masked_samples(products, name) for name in names if name in known]
+        samples = [masked_samples(products, name) for name in names if name in known]
         checked, truth = checked_scan_masks(samples, radius), "the simulated truth"
     return _told(products, "scans", shown, checked, truth)
 
 
-def _masked_samples(products: Products, name: str) -> MaskedSamples:
+def masked_samples(products: Products, name: str) -> MaskedSamples:
+    """One scan's samples, what is true of them and what its masks say."""
     from workbench.verification.mask_errors import MaskedSamples
 
     arrays, used = products.load("truth_samples", name), products.load("scan_masks", name)
@@ -99,13 +100,14 @@ def _masked_photos(products: Products) -> MaskedKind | None:
         )
         for name in evenly_chosen([n for n in names if n in known] or names, _MASKS_SHOWN)
     ]
-    checked, truth = _against_corrections(products, "photo")
+    checked, truth = against_corrections(products, "photo")
     if known:
-        checked, truth = _photo_errors(products, names), "the simulated truth"
+        checked, truth = photo_errors(products, names), "the simulated truth"
     return _told(products, "photographs", shown, checked, truth)
 
 
-def _photo_errors(products: Products, names: list[str]) -> CheckedMasks:
+def photo_errors(products: Products, names: list[str]) -> CheckedMasks:
+    """Errors of photographs' masks against a simulation's truth."""
     from workbench.formats.colmap import read_colmap_text
     from workbench.verification.photo_coverage import MaskedPhoto, checked_photo_masks
 
@@ -136,7 +138,7 @@ def _automatic(
     return used if found is None else cast("NDArray[np.uint8]", found)
 
 
-def _against_corrections(products: Products, kind: str) -> tuple[CheckedMasks | None, str]:
+def against_corrections(products: Products, kind: str) -> tuple[CheckedMasks | None, str]:
     """The masks as found against those the user corrected."""
     from workbench.masking.evaluation import joined_errors, masking_errors
     from workbench.verification.mask_errors import CheckedMasks

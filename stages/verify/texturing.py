@@ -58,13 +58,13 @@ def texture_chapter(
         pictures = PictureCache(scene.picture, _CACHE_BYTES).get
         cycles = record["options"]["cycles"]
         singles = _single_meshes(products, scene, colored, pictures, told, cycles)
-        views = _views(products, scene, singles, pictures, told, simulated)
+        views = held_out_views(products, scene, singles, pictures, told, simulated)
         costs = CostOptions(**told["costs"])
         scaling = scaling_points(colored, scene.cameras, pictures, costs, cycles, sizes_px)
     return (texture_section(record, views, foreground, scaling),), view_metrics(views)
 
 
-def _views(
+def held_out_views(
     products: Products,
     scene: DepthScene,
     singles: dict[str, LabelledMesh],
@@ -72,6 +72,7 @@ def _views(
     told: dict[str, Any],
     simulated: bool,
 ) -> list[HeldOutView]:
+    """What is rendered in the place of each photograph held out."""
     from workbench.verification.texture_views import held_out_view
 
     poses = products.load("photo_poses")["photos"]

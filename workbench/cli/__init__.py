@@ -14,6 +14,7 @@ from workbench.cli.project_commands import add_project_commands
 from workbench.cli.render_commands import add_render_commands
 from workbench.cli.stability_commands import add_stability_commands
 from workbench.cli.stage_commands import add_stage_commands
+from workbench.cli.sweep_commands import add_sweep_commands
 from workbench.cli.tool_commands import add_tool_commands
 from workbench.console import INTERRUPTED, Answer, answer_alone_on_stdout, give_failure, told
 from workbench.pipeline.planner import Pipeline
@@ -37,6 +38,7 @@ def build_cli(pipeline: Pipeline) -> typer.Typer:
     add_lod_commands(app)
     add_render_commands(app)
     add_stability_commands(app)
+    add_sweep_commands(app, pipeline)
     add_stage_commands(app, pipeline)
     return app
 

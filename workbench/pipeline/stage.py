@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from workbench.errors import InputError
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import ErrorMeasure, Knob
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.tasks import Tasks
 from workbench.project.artefacts import ARTEFACTS
@@ -174,6 +175,8 @@ class Stage(Generic[OptionsT]):
         first: dicts of ``kind``, ``name`` and ``file``, as many of each kind as wanted.
     reads_truth : set for verification alone; any other stage that names a ``truth`` artefact
         cannot be built.
+    knobs : options that trade error for time, with the values a sweep tries.
+    errors : for verification alone: by name, how wrong the products of stages are.
     """
 
     name: str
@@ -188,6 +191,8 @@ class Stage(Generic[OptionsT]):
     estimate: Callable[[Scene, OptionsT], Estimate] | None = None
     reads_truth: bool = field(default=False)
     suggest: Callable[[Project, int], list[dict[str, str]]] | None = None
+    knobs: tuple[Knob, ...] = ()
+    errors: Mapping[str, ErrorMeasure] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in self.reads + self.writes:
@@ -198,3 +203,5 @@ class Stage(Generic[OptionsT]):
         for name in self.writes:
             if ARTEFACTS[name].format == "input" or name == "records" or name in self.reads:
                 raise ValueError(f"stage {self.name} may not write {name!r}")
+        for knob in self.knobs:
+            knob.check(self.name, self.options)

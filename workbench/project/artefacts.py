@@ -176,6 +176,7 @@ _TABLE = (
     Artefact("potree_hierarchy", "exports/potree/hierarchy.bin", "file", "their octree"),
     Artefact("potree_octree", "exports/potree/octree.bin", "file", "their points"),
     Artefact("point_cubes", "exports/points.pcube", "file", "cells of the surface, coded"),
+    Artefact("sweep_points", "work/sweep/sweep.json", "json", "error against run time"),
     Artefact("page_measures", "work/page/measures.json", "json", "what the page costs"),
     Artefact("stability_table", "work/stability/table.json", "json", "stiff and extreme cases"),
     Artefact("records", "work/{item}/record.json", "json", "what each stage did"),
