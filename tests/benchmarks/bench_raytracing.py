@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.photo_camera import PhotoCamera
 from workbench.raytracing.chunk_building import build_chunk_file
 from workbench.raytracing.chunk_file import ChunkFile
 from workbench.raytracing.culled_rays import CulledRays, CullingOptions
@@ -141,8 +142,8 @@ def view_rays(
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, -rotation @ eye
     height = width * 9 // 16
-    lens = np.array([[0.8 * width, 0, width / 2], [0, 0.8 * width, height / 2], [0, 0, 1]])
-    return primary_rays(frame, width, height, lens, pose)[0]
+    lens = (0.8 * width, 0.8 * width, width / 2, height / 2)
+    return primary_rays(frame, PhotoCamera("PINHOLE", width, height, lens, pose))[0]
 
 
 def cpu() -> float:

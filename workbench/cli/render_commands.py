@@ -28,7 +28,9 @@ def add_render_commands(app: typer.Typer) -> None:
             typer.Option(
                 help="voxels, or graph: traced; stitch: a project's depth meshes with its "
                 "photographs; surface: by rays, with its texture or colours; surfels: as "
-                "discs; cloud: the points of a Potree folder."
+                "discs; cloud: the points of a Potree folder; of surfaces, also larger than "
+                "memory: primary: lit from the eye; shadow: by a sun; ambient: the open share of "
+                "the sky; bounce: sun, sky and the light that surfaces send on."
             ),
         ] = "voxels",
         camera: Annotated[
@@ -50,17 +52,38 @@ def add_render_commands(app: typer.Typer) -> None:
                 "from above with hard shadows, of voxels and graphs."
             ),
         ] = None,
+        memory_mb: Annotated[
+            int | None,
+            typer.Option(
+                min=3,
+                help="primary, shadow, ambient, bounce: for geometry; what needs more is cut into "
+                "chunks on disk. 4096.",
+            ),
+        ] = None,
+        samples: Annotated[
+            int | None,
+            typer.Option(min=1, max=4096, help="The same: rays a pixel sends on, at most. 16."),
+        ] = None,
         as_json: JsonOption = False,
     ) -> Answer:
         """A picture without a display."""
+        from workbench.raytracing.ray_light import LIGHT_KINDS
         from workbench.viewer.drawn_models import MODES, drawn_model
+        from workbench.viewer.ray_pictures import RayMemory, ray_picture
         from workbench.viewer.wanted_views import WantedView
 
-        if mode not in MODES:
+        modes = (*MODES, *LIGHT_KINDS)
+        if mode not in modes:
             raise SettingsError(
                 f"There is no mode {mode!r}",
-                expected=", ".join(MODES),
-                fix=suggestion(mode, MODES) or "choose one of the expected names",
+                expected=", ".join(modes),
+                fix=suggestion(mode, modes) or "choose one of the expected names",
+            )
+        if mode not in LIGHT_KINDS and (memory_mb, samples) != (None, None):
+            raise SettingsError(
+                f"--memory-mb and --samples do not belong to --mode {mode}",
+                expected=", ".join(LIGHT_KINDS),
+                fix="leave them out",
             )
         wanted = WantedView.of_texts(camera, size, light)
         if out.suffix.lower() != ".png" or not out.parent.is_dir():
@@ -71,7 +94,11 @@ def add_render_commands(app: typer.Typer) -> None:
                 fix="correct --out",
             )
         with Progress().step(f"rendering {path.name}"), Meter() as meter:
-            drawn = drawn_model(path, mode, wanted)
+            if mode in LIGHT_KINDS:
+                memory = RayMemory((memory_mb or 4096) * 1_000_000, out.parent)
+                drawn, traced = ray_picture(path, mode, wanted, memory, samples or 16)
+            else:
+                drawn, traced = drawn_model(path, mode, wanted), {}
             _write(out, drawn.picture)
         height, width = drawn.picture.shape[:2]
         shown = float((drawn.picture[..., 3] > 0).mean())
@@ -85,6 +112,7 @@ def add_render_commands(app: typer.Typer) -> None:
                 "camera": asdict(drawn.view),
                 "seconds": meter.seconds,
                 "peak_rss_bytes": meter.peak_rss_bytes,
+                **traced,
             },
             f"{out}: {width} × {height} pixels in {meter.seconds:.1f} s",
         )

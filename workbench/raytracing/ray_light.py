@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from workbench.geometry.photo_camera import PhotoCamera
 from workbench.kernels.srgb_bytes import LINEAR_OF_BYTE
 from workbench.raytracing.frame import LocalFrame
 from workbench.raytracing.ray_hits import RayCaster, RayHits
@@ -88,28 +89,14 @@ class Places:
 
 
 def primary_rays(
-    frame: LocalFrame,
-    width: int,
-    height: int,
-    intrinsics: NDArray[np.float64],
-    camera_from_world: NDArray[np.float64],
+    frame: LocalFrame, camera: PhotoCamera
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Rays (w · h, 6) through the middles of pixels in `picture_order`, and that order.
-
-    Parameters
-    ----------
-    frame : of the rays.
-    width, height : pixels.
-    intrinsics : (3, 3).
-    camera_from_world : (4, 4), rigid; x right, y down, z forward.
-    """
-    order = picture_order(width, height)
-    rows, columns = np.divmod(order, width)
-    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(order))], axis=1)
-    rotation = camera_from_world[:3, :3]
-    directions = pixels @ np.linalg.inv(intrinsics).T @ rotation
-    eye = frame.local((-rotation.T @ camera_from_world[:3, 3])[None])
-    return np.hstack([np.broadcast_to(eye, directions.shape), directions]).astype(np.float32), order
+    """Rays (w · h, 6) through the middles of pixels in `picture_order`, and that order."""
+    order = picture_order(camera.width, camera.height)
+    rows, columns = np.divmod(order, camera.width)
+    directions = camera.directions(np.stack([columns + 0.5, rows + 0.5], axis=1))
+    eye = np.broadcast_to(frame.local(camera.center[None]), directions.shape)
+    return np.hstack([eye, directions.astype(np.float32)]), order
 
 
 def picture_light(
@@ -151,13 +138,15 @@ def sun_light(
     sun = sun / np.linalg.norm(sun)
     facing = np.maximum(places.normals @ sun, 0.0).astype(np.float32)
     hard = options.sun_radius_deg == 0.0
-    wide = math.sin(math.radians(options.sun_radius_deg))
+    wide = np.float32(math.tan(math.radians(options.sun_radius_deg)))
     around = np.broadcast_to(sun.astype(np.float32), places.normals.shape)
     free = np.zeros(len(places.points), np.float32)
     lit = np.flatnonzero(facing > 0.0)
     some = Places(places.points[lit], around[lit])
     for batch, directions in _direction_batches(some, options, 1 if hard else options.samples):
-        local = directions * np.array([wide, wide, 1.0], np.float32)
+        local = np.concatenate(
+            [wide * directions[..., :2], np.ones_like(directions[..., :1])], axis=-1
+        )
         blocked = caster.blocked(_cast_rays(some, local), front=fronts.of[f"sun{batch}"])
         free[lit] += (~blocked).reshape(len(local), -1).sum(axis=0)
     return np.asarray(options.sun_light * facing * free / (1 if hard else options.samples))

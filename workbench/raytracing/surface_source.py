@@ -47,16 +47,17 @@ class SurfaceSource(Protocol):
 
 def surface_frame(source: SurfaceSource) -> LocalFrame:
     """The local frame of a surface; raises `InputError` where vertices are not finite."""
-    return LocalFrame.of_bounds(*_bounds(source))
+    return LocalFrame.of_bounds(*surface_bounds(source))
 
 
 def surface_diagonal(source: SurfaceSource) -> float:
     """Of the bounds of all vertices, in the surface's unit."""
-    low, high = _bounds(source)
+    low, high = surface_bounds(source)
     return float(np.linalg.norm(high - low))
 
 
-def _bounds(source: SurfaceSource) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def surface_bounds(source: SurfaceSource) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners (3,) of the box around all vertices, in the surface's frame; NaN where one is."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for points in source.points():
         # NaN does not vanish in these minima, and is refused with the bounds.
