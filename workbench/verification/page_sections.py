@@ -93,10 +93,10 @@ def _loading_table(forms: Sequence[Mapping[str, Any]]) -> Table:
         Column("Form"),
         Column("File", "MB", 1),
         Column("First picture", "s", 2),
-        Column("Read by then", "MB", 2),
-        Column("First view whole", "s", 1),
-        Column("Read by then", "MB", 2),
-        Column("Read along the path", "MB", 2),
+        Column("Read", "MB", 2),
+        Column("Whole view", "s", 1),
+        Column("Read", "MB", 2),
+        Column("Path", "MB", 2),
         Column("Requests", decimals=0),
     )
     rows = tuple(
@@ -112,19 +112,24 @@ def _loading_table(forms: Sequence[Mapping[str, Any]]) -> Table:
         )
         for form in forms
     )
-    return Table(columns, rows, "Loading, from a server that hands out parts of files.")
+    return Table(
+        columns,
+        rows,
+        "Loading, from a server that hands out parts of files: time to the first picture and until "
+        "the first view is whole, with what was read by then, and over the whole path.",
+    )
 
 
 def _path_table(forms: Sequence[Mapping[str, Any]]) -> Table:
     columns = (
         Column("Form"),
-        Column("Frame, median", "ms", 0),
+        Column("Frame", "ms", 0),
         Column("Slowest", "ms", 0),
-        Column("Calls, median", decimals=0),
-        Column("Items, median", decimals=0),
-        Column("On the card, most", "MB", 1),
+        Column("Calls", decimals=0),
+        Column("Items", decimals=0),
+        Column("Card", "MB", 1),
         Column("At the end", "MB", 1),
-        Column("Given up again", "MB", 1),
+        Column("Given up", "MB", 1),
     )
     rows = tuple(
         (
@@ -141,7 +146,9 @@ def _path_table(forms: Sequence[Mapping[str, Any]]) -> Table:
     )
     return Table(
         columns, rows,
-        "Along the path. Items are triangles, faces of voxels, discs or points that were drawn.",
+        "Along the path: medians of frames, the slowest, and bytes on the card, most and at the "
+        "end. Items are triangles, faces of voxels, discs or points drawn. The voxel graph is traced in "
+        "strips, over as many frames as it takes.",
     )  # fmt: skip
 
 
@@ -150,7 +157,7 @@ def _likeness_table(forms: Sequence[Mapping[str, Any]]) -> Table:
     places = ("far", *("between",) * (views - 2), "near")
     columns = (
         Column("Form"),
-        *(Column(f"Without a browser, {place}", decimals=3) for place in places),
+        *(Column(f"Twin, {place}", decimals=3) for place in places),
         *(Column(f"Rays, {place}", decimals=3) for place in places),
     )
     rows = tuple(
@@ -163,9 +170,9 @@ def _likeness_table(forms: Sequence[Mapping[str, Any]]) -> Table:
     )
     return Table(
         columns, rows,
-        "Structural similarity of the page's pictures to those of the same form drawn without a "
-        "browser, and to rays cast at the surface: the textured one for photographs, else that "
-        "with colours at its corners. Voxels and points end at the detail that was published.",
+        "Structural similarity of the page's pictures to those of their twins, the same form drawn "
+        "without a browser, and to rays cast at the surface: the textured one for photographs, "
+        "else that with colours at its corners. Voxels and points end at the detail that was published.",
     )  # fmt: skip
 
 

@@ -160,9 +160,10 @@ class _Form:
 
     def _step(self, tab: PageTab, view: LinkView) -> dict[str, Any]:
         tab.look_from(view)
-        took = tab.frame_ms()
+        took, drawn = tab.frame_ms(), tab.counts()
         tab.settled(self.options.patience_s)
-        return {"frame_ms": took, **tab.counts()}
+        # Of the picture that was timed: later ones may have less to do.
+        return {"frame_ms": took, **tab.counts(), "calls": drawn["calls"], "items": drawn["items"]}
 
     def _compared(self, tab: PageTab) -> list[dict[str, float]]:
         rows = []
