@@ -147,8 +147,8 @@ def _path_table(forms: Sequence[Mapping[str, Any]]) -> Table:
     return Table(
         columns, rows,
         "Along the path: medians of frames, the slowest, and bytes on the card, most and at the "
-        "end. Items are triangles, faces of voxels, discs or points drawn. The voxel graph is traced in "
-        "strips, over as many frames as it takes.",
+        "end. Items are triangles, faces of voxels, discs or points drawn. The voxel graph is "
+        "traced in strips, over as many frames as it takes.",
     )  # fmt: skip
 
 
@@ -172,7 +172,8 @@ def _likeness_table(forms: Sequence[Mapping[str, Any]]) -> Table:
         columns, rows,
         "Structural similarity of the page's pictures to those of their twins, the same form drawn "
         "without a browser, and to rays cast at the surface: the textured one for photographs, "
-        "else that with colours at its corners. Voxels and points end at the detail that was published.",
+        "else that with colours at its corners. Voxels and points end at the detail that was "
+        "published.",
     )  # fmt: skip
 
 
