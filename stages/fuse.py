@@ -202,7 +202,7 @@ FUSE = Stage(
     libraries=("numpy", "scipy", "open3d", "lmdb", "zstandard"),
     estimate=estimate,
     knobs=(
-        Knob("thinning", (0.0, 0.5, 1.0, 2.0, 4.0), quick=(0.0, 1.0, 2.0)),
+        Knob("thinning", (0.0, 0.5, 1.0, 2.0, 4.0), quick=(0.0, 2.0)),
         Knob("half_window", (1, 2, 3, 4), quick=(1,)),
     ),
 )

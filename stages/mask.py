@@ -393,6 +393,6 @@ MASK = Stage(
     run=run,
     libraries=("numpy", "opencv-contrib-python-headless", "rawpy", "PyMaxflow", "scikit-learn"),
     estimate=estimate,
-    knobs=(Knob("trees", (0, 5, 10, 30, 60), quick=(0, 10)),),
+    knobs=(Knob("trees", (0, 5, 10, 30, 60), quick=(0,)),),
     suggest=suggest,
 )

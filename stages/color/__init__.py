@@ -292,7 +292,7 @@ COLOR = Stage(
     libraries=("numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless"),
     estimate=estimate,
     knobs=(
-        Knob("image_px", (400, 800, 1600, 3200, 6400), quick=(400, 800)),
+        Knob("image_px", (400, 800, 1600, 3200, 6400), quick=(400,)),
         Knob("inpaint_cycles", (5, 10, 20, 60), quick=(10,)),
     ),
 )

@@ -236,7 +236,7 @@ DEVELOP = Stage(
     ),
     estimate=estimate,
     knobs=(
-        Knob("demosaic", ("linear", "vng", "ahd", "dht"), quick=("linear",)),
+        Knob("demosaic", ("linear", "vng", "ahd", "dht"), quick=()),
         Knob("half_size", (True, False), quick=(True,)),
     ),
 )

@@ -30,7 +30,10 @@ _SURFEL_BYTES, _CELL_MEMORY, _CELL_BYTES = 100, 120, 8
 # All else is left out while one kind of levels is swept.
 _ALONE = {
     **dict.fromkeys(("ply", "obj", "glb", "textured_glb", "textured_obj"), False),
-    "voxels": "none", "surfels": 0, "cells": "none", "clouds": (),
+    "voxels": "none",
+    "surfels": 0,
+    "cells": "none",
+    "clouds": (),
 }
 _VOXELS, _SURFELS = _ALONE | {"voxels": "voxels"}, _ALONE | {"surfels": 30_000}
 
@@ -159,6 +162,6 @@ EXPORT = Stage(
     knobs=(
         Knob("voxel_resolution", (128, 256, 512, 1024, 2048), (128, 256, 512), _VOXELS, "voxels"),
         Knob("surfels", (3000, 10_000, 30_000, 100_000), (3000, 10_000), _SURFELS, "surfels"),
-        Knob("surfel_candidates_px", (128, 256, 512, 1024), (256,), _SURFELS, "surfels"),
+        Knob("surfel_candidates_px", (128, 256, 512, 1024), (), _SURFELS, "surfels"),
     ),
 )

@@ -345,9 +345,9 @@ ORIENT = Stage(
     ),
     estimate=estimate,
     knobs=(
-        Knob("image_px", (800, 1600, 3200)),
-        Knob("features", (1500, 3000, 6000), quick=(3000,)),
+        Knob("image_px", (800, 1600, 3200), quick=()),
+        Knob("features", (1500, 3000, 6000), quick=()),
         Knob("patch_rounds", (0, 1, 2), quick=(0,)),
-        Knob("patches_per_photo", (2000, 4000, 8000), quick=(2000,)),
+        Knob("patches_per_photo", (2000, 4000, 8000), quick=()),
     ),
 )

@@ -254,8 +254,8 @@ TEXTURE = Stage(
     estimate=estimate,
     knobs=(
         Knob("depth_map_px", (64, 128, 256, 512), quick=(64, 128), fixed={"held_out": 2}),
-        Knob("most_candidates", (2, 4, 8, 16), quick=(4,), fixed={"held_out": 2}),
-        Knob("edge_samples", (1, 2, 4), fixed={"held_out": 2}),
-        Knob("cycles", (0, 1, 2, 4), fixed={"held_out": 2}),
+        Knob("most_candidates", (2, 4, 8, 16), quick=(), fixed={"held_out": 2}),
+        Knob("edge_samples", (1, 2, 4), quick=(), fixed={"held_out": 2}),
+        Knob("cycles", (0, 1, 2, 4), quick=(), fixed={"held_out": 2}),
     ),
 )

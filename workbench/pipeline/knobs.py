@@ -24,7 +24,7 @@ class Knob:
     ----------
     option : dotted name within the stage's options.
     values : what a sweep tries, from rough to fine.
-    quick : the few of them that a quick sweep tries; all where there are none.
+    quick : the few of them that a quick sweep tries; all where it is None.
     fixed : options of the stage that hold while this one is swept, so that only what it
         decides is made and timed.
     measure : name of the error measure; the stage's own name where nothing is said.
@@ -32,13 +32,13 @@ class Knob:
 
     option: str
     values: tuple[Any, ...]
-    quick: tuple[Any, ...] = ()
+    quick: tuple[Any, ...] | None = None
     fixed: Mapping[str, Any] = field(default_factory=dict)
     measure: str = ""
 
     def check(self, stage: str, model: type[BaseModel]) -> None:
         """Raise ValueError where the stage's options do not allow what is declared."""
-        if not self.values or not set(self.quick) <= set(self.values):
+        if not self.values or not set(self.quick or ()) <= set(self.values):
             raise ValueError(f"stage {stage}: {self.option} has no values, or other quick ones")
         for value in self.values:
             try:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from workbench.kernels.query_pairs import (
     INVISIBLE,
+    NODE,
     STATE,
     UNKNOWN,
     box_distance,
@@ -155,9 +156,12 @@ class CulledRays:
         front.begin(len(rays))
         cast = self._prepared(np.ascontiguousarray(rays), nearest, take)
         visible = front.visible()
-        self._intersect(cast, front, visible)
+        # Nodes that would have to be read wait for new pairs of theirs, so that a cast reads each
+        # of them once; whether their rays still meet them is asked again before.
+        kept = np.array([int(node) in self.cache for node in front.pairs[visible, NODE]], np.bool_)
+        self._intersect(cast, front, visible[kept])
         waiting = np.concatenate([front.unknown(), self._turned_visible(cast, front)])
-        self._refine(cast, front, waiting)
+        self._refine(cast, front, waiting, visible[~kept])
         self._recheck(cast, front, visible)
         front.pull_up()
         self.counts.bytes_read = self.cache.bytes_read
@@ -197,7 +201,14 @@ class CulledRays:
         front.pairs[some, STATE] = UNKNOWN
         return some
 
-    def _refine(self, cast: _Cast, front: VisibilityFront, waiting: NDArray[np.int32]) -> None:
+    def _refine(
+        self,
+        cast: _Cast,
+        front: VisibilityFront,
+        waiting: NDArray[np.int32],
+        unread: NDArray[np.int32],
+    ) -> None:
+        """Ask pairs and divide them; what is found is cast, with the visible pairs ``unread``."""
         keys = np.zeros(len(front.pairs), np.float32)
         queue = np.zeros(len(front.pairs), np.int32)
         tiles, nodes = front.tiles_and_nodes(waiting)
@@ -217,7 +228,9 @@ class CulledRays:
                 self._tree.shares, self.options.balance, self.options.threshold, found,
             )  # fmt: skip
             self.counts.queries += queries
-            self._intersect(cast, front, found[:hits])
+            self._intersect(cast, front, np.concatenate([unread, found[:hits]]))
+            unread = unread[:0]
+        self._intersect(cast, front, unread)
 
     def _recheck(self, cast: _Cast, front: VisibilityFront, visible: NDArray[np.int32]) -> None:
         """Ask a share of the pairs that were visible before whether they still are."""

@@ -33,7 +33,8 @@ class Task:
     Attributes
     ----------
     root : of the scratch project.
-    runs : stages to run, one after the other; the last is the one that is tried.
+    runs : stages to run, one after the other; the last is the one that is tried. None looks
+        at what is there.
     measure : of the error; None where it is known already.
     overrides : settings of all stages.
     workers : processes for independent items; None for one per core.
@@ -81,20 +82,24 @@ def done_apart(pipeline: Pipeline, task: Task) -> Outcome:
 def done(pipeline: Pipeline, task: Task) -> Outcome:
     """Do a task in this process; a stage that refuses its input is an outcome, too."""
     project = Project(task.root)
-    taken: dict[str, Any] = {}
     for name in task.runs:
         request = RunRequest(only=name, force=True, overrides=task.overrides, workers=task.workers)
         try:
             run_pipeline(pipeline, project, request, Progress(io.StringIO()))
         except WorkbenchError as error:
             return Outcome(reason=str(error), failed=True)
-        taken = RecordFolder(project, name).read() or {}
-    spent = Outcome(
+    spent = spent_on(project, task.runs[-1]) if task.runs else Outcome()
+    return spent if task.measure is None else _with_error(pipeline, task, spent)
+
+
+def spent_on(project: Project, stage: str) -> Outcome:
+    """What the last run of a stage took, by its record."""
+    taken = RecordFolder(project, stage).read() or {}
+    return Outcome(
         float(taken.get("seconds", 0.0)),
         float(taken.get("cpu_seconds", 0.0)),
         int(taken.get("peak_rss_bytes", 0)),
     )
-    return spent if task.measure is None else _with_error(pipeline, task, spent)
 
 
 def _with_error(pipeline: Pipeline, task: Task, spent: Outcome) -> Outcome:

@@ -139,7 +139,9 @@ def _groups(
     groups: dict[str, _Group] = {}
     if not given:
         for knob in stage.knobs:
-            _join(groups, stage, knob, knob.quick or knob.values if quick else knob.values)
+            values = knob.quick if quick and knob.quick is not None else knob.values
+            if values:
+                _join(groups, stage, knob, values)
         return groups
     for option, values in given.items():
         knob = declared.get(option, Knob(option, values))
