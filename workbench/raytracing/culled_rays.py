@@ -62,7 +62,7 @@ class CullingOptions:
     found_at_once: int = 1 << 16
     recheck_every: int = 3
     threshold: int = 0
-    cache_parts: int = 8
+    cache_parts: int = 24
 
 
 @dataclass(frozen=True)
