@@ -35,10 +35,9 @@ class Tried:
         """Of ``wall_s``, ``cpu_s`` or ``peak_rss_bytes``."""
         return float(np.median([getattr(outcome, name) for outcome in self.outcomes]))
 
-    @property
-    def spread(self) -> float:
-        """Of wall times, relative."""
-        return relative_spread([outcome.wall_s for outcome in self.outcomes])
+    def spread(self, name: str) -> float:
+        """Of the same, relative."""
+        return relative_spread([getattr(outcome, name) for outcome in self.outcomes])
 
 
 class TriedPoints:

@@ -22,7 +22,7 @@ class Candidate:
     Attributes
     ----------
     error : less is better; not negative.
-    seconds : wall time, median; positive.
+    seconds : time, median; positive.
     default : whether it is the setting in force, which wins where nothing speaks against it.
     """
 

@@ -17,7 +17,7 @@ from workbench.project.project import Project
 from workbench.project.simulated import simulate_project
 from workbench.sweeping.recommendation import Budget
 from workbench.sweeping.scratch import SWEEP_FOLDER
-from workbench.sweeping.sweep import SweepRequest, sweep
+from workbench.sweeping.sweep import SweepRequest, cost_of, sweep
 
 # A knee is as good elsewhere when error × time is at most so much above the least there.
 _KNEE_SLACK = 1.25
@@ -144,7 +144,8 @@ def _checked(
     if choice["knobs"] is None or point is None:
         return {"holds": None, "told": "nothing was recommended, or it could not be measured"}
     if choice["how"] == "knee":
-        factor = _cost(point) / max(min(map(_cost, own)), 1e-300)
+        costs = [one["error"] * one[cost_of(budget)] for one in own]
+        factor = point["error"] * point[cost_of(budget)] / max(min(costs), 1e-300)
         return {
             "holds": factor <= _KNEE_SLACK,
             "told": f"error × time is {factor:.2f} × the least of this seed",
@@ -156,7 +157,3 @@ def _checked(
         "holds": kept,
         "told": f"error {point['error']:.4g} {point['error_unit']} in {point['wall_s']:.3g} s",
     }
-
-
-def _cost(point: Mapping[str, Any]) -> float:
-    return float(point["error"] * point["wall_s"])

@@ -89,6 +89,7 @@ def sweep(
     wall_spread, cpu_s, peak_rss_bytes, repeats, default, pareto, recommended, reason``;
     ``recommended``, one for each stage and measure, of ``stage, measure, how, reason`` and the
     ``knobs`` (None where nothing keeps the budget); ``left_out``, stage → reason; ``noise``.
+    The front and the recommendation go by `cost_of` the budget.
 
     Raises
     ------
@@ -249,13 +250,14 @@ def _judged(
     """The points of one measure, and the recommendation among them."""
     points = [_point(trial, one) for trial, one in zip(trials, tried, strict=True)]
     measured = [k for k, point in enumerate(points) if point["error"] is not None]
+    cost = cost_of(budget)
     candidates = [
-        Candidate(points[k]["error"], max(points[k]["wall_s"], 1e-6), points[k]["default"])
+        Candidate(points[k]["error"], max(points[k][cost], 1e-6), points[k]["default"])
         for k in measured
     ]
     for k in pareto_indices(candidates):
         points[measured[k]]["pareto"] = True
-    noise = max((tried[k].spread for k in measured), default=0.0)
+    noise = max((tried[k].spread(cost) for k in measured), default=0.0)
     choice = recommended(candidates, budget, noise)
     chosen = measured[choice.index] if isinstance(choice, Choice) else None
     if chosen is not None:
@@ -269,6 +271,11 @@ def _judged(
     }
 
 
+def cost_of(budget: Budget) -> str:
+    """What time means: a budget is of the user's time, else the processor's, which is steadier."""
+    return "cpu_s" if budget.seconds is None else "wall_s"
+
+
 def _point(trial: Trial, tried: Tried) -> dict[str, Any]:
     first = tried.first
     return {
@@ -279,7 +286,7 @@ def _point(trial: Trial, tried: Tried) -> dict[str, Any]:
         "error_unit": first.unit,
         "told": first.told,
         "wall_s": tried.median("wall_s"),
-        "wall_spread": tried.spread,
+        "wall_spread": tried.spread("wall_s"),
         "cpu_s": tried.median("cpu_s"),
         "peak_rss_bytes": round(tried.median("peak_rss_bytes")),
         "repeats": len(tried.outcomes),

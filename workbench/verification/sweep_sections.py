@@ -35,8 +35,9 @@ def sweep_section(told: Mapping[str, Any]) -> Section:
     blocks: list[Block] = [
         Paragraph(
             "Each setting ran in a process of its own, all else as in this project. The ring is "
-            "the setting in force; the line joins those that no other beats in both. "
-            + told["noise"]["told"]
+            "the setting in force; the line joins those that no other beats in both. Without a "
+            "budget of time, advice goes by the time of the processor, which other work on the "
+            "machine moves least. " + told["noise"]["told"]
         )
     ]
     if told["left_out"]:
