@@ -6,6 +6,12 @@ READY := $(VENV)/.ready
 DEMO := out/demo
 SYSTEM_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6
 
+DEMO_SETTINGS := --set verify.front_deg=180 --set texture.held_out=2 --set export.voxels=voxels \
+	--set export.voxel_resolution=512 --set export.surfels=30000 --set export.cells=context \
+	--set export.cell_resolution=512 --set 'export.clouds=["copc","potree"]'
+# The page is measured where there is a browser to open it in.
+MEASURED := $(if $(shell command -v chromium chromium-browser google-chrome),--measure)
+
 .PHONY: demo test test-full fuzz lint types imports check setup readme clean
 
 demo: setup
@@ -15,10 +21,10 @@ demo: setup
 	mkdir -p $(DEMO)/masks/training
 	cp $(DEMO)/truth/masks/scan_00.png $(DEMO)/truth/photos/object/photo_000.png $(DEMO)/masks/training
 	$(BIN)/workbench stability $(DEMO) --quick
-	$(BIN)/workbench run $(DEMO) --set verify.front_deg=180 --set texture.held_out=2 \
-		--set export.voxels=voxels --set export.voxel_resolution=512 --set export.surfels=30000 \
-		--set export.cells=context --set export.cell_resolution=512 --set 'export.clouds=["copc","potree"]'
-	$(BIN)/workbench publish $(DEMO) --out out/site --resolution 512
+	$(BIN)/workbench run $(DEMO) --to export $(DEMO_SETTINGS)
+	$(BIN)/workbench publish $(DEMO) --out out/site --resolution 512 --steps 12 $(MEASURED)
+	$(BIN)/workbench sweep $(DEMO) --quick --repeats 1 $(DEMO_SETTINGS)
+	$(BIN)/workbench run $(DEMO) $(DEMO_SETTINGS)
 	@echo "The report is in $(CURDIR)/$(DEMO)/report/report.html"
 	@echo "The model: $(BIN)/workbench view $(DEMO), or any web server in $(CURDIR)/out/site"
 
