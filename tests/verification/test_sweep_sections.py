@@ -38,14 +38,15 @@ POINTS = (
 
 def test_errors_are_drawn_and_listed_and_the_advice_is_said():
     section = sweep_section(told(*POINTS))
-    paragraph, left_out, plots, table = section.blocks
+    paragraph, left_out, plot, table = section.blocks
     assert "steady" in paragraph.text
     assert left_out.items == ("mask: left out, no training masks",)
-    assert [plot.data["as it is"] for plot in plots.plots] == [[9.0, 0.9], [9.0, 0.9], [1.0, 0.9]]
-    assert plots.plots[0].data["depth 7"] == pytest.approx([2.0, 1.0])
-    assert "depth 9" not in plots.plots[0].data
-    # Millimetres, for metres have too many zeros.
-    assert [row[1] for row in table.rows] == pytest.approx([4.0, 1.0, 0.9, None], abs=1e-9)
+    # Millimetres, for metres have too many zeros; what was not measured is not drawn.
+    assert plot.data["Error (mm)"] == pytest.approx([4.0, 1.0, 0.9])
+    assert plot.data["Wall time (s)"] == [1.0, 2.0, 9.0]
+    assert plot.data["Peak memory (GiB)"] == [1.0, 1.0, 1.0]
+    assert [row[0] for row in table.rows] == [1, 2, 3, 4]
+    assert [row[2] for row in table.rows] == pytest.approx([4.0, 1.0, 0.9, None], abs=1e-9)
     assert table.rows[1][-1] == "recommended"
     assert table.rows[3][-1] == "it needs too much memory"
     assert "Recommended: depth 7; the knee." in table.caption
@@ -61,7 +62,7 @@ def test_seeds_show_mean_and_deviation_and_whether_advice_holds():
         )
     )  # fmt: skip
     table = section.blocks[-1]
-    assert table.rows[0][2:4] == pytest.approx((2.0, 0.5))
+    assert table.rows[0][3:5] == pytest.approx((2.0, 0.5))
     assert "holds on 1 of 2 other seeds (seed 3: 1.4 × the least)" in table.caption
 
 

@@ -68,7 +68,7 @@ def histogram_figure(
         axes = figure.add_subplot()
         if logarithmic:
             axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(_plain_ticks())
+            axes.xaxis.set_major_formatter(plain_ticks())
         for k, (label, values) in enumerate(kept.items()):
             color = colors[k % len(colors)]
             share = 100 * np.histogram(values, edges)[0] / len(values)
@@ -235,7 +235,7 @@ def tradeoff_figure(
         ):
             if len(values) and values.min() > 0 and values.max() > 10 * values.min():
                 set_scale("log")
-                axis.set_major_formatter(_plain_ticks())
+                axis.set_major_formatter(plain_ticks())
         axes.plot(
             x[front],
             y[front],
@@ -310,7 +310,7 @@ def line_figure(
         if not steps:
             axes.set_xscale("log")
         for axis in (axes.yaxis,) if steps else (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter(_plain_ticks())
+            axis.set_major_formatter(plain_ticks())
             # Within a decade the small ticks would be labelled, in mathematics.
             axis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(x_label)
@@ -354,7 +354,7 @@ def color_bar_figure(name: str, scale: ColorScale, alt: str) -> str:
         axes.grid(visible=False)
         axes.set_xlabel(scale.label)
         axes.set_xticks(np.linspace(scale.low, scale.high, 5))
-        axes.xaxis.set_major_formatter(_plain_ticks())
+        axes.xaxis.set_major_formatter(plain_ticks())
     return inline_svg(figure, name, alt)
 
 
@@ -379,7 +379,8 @@ def _bin_edges(series: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float6
     return np.linspace(0, high or 1.0, 51), False
 
 
-def _plain_ticks() -> Any:
+def plain_ticks() -> Any:
+    """How ticks are written: plainly, with a true minus."""
     from matplotlib.ticker import FuncFormatter
 
     return FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−"))

@@ -119,12 +119,14 @@ class Plot:
     svg : an ``<svg>`` element from `workbench.verification.figures`; trusted.
     caption : what it shows and how to read it.
     data : the numbers behind it, or a summary of them, for report.json.
+    is_wide : whether it takes the width of the page, for several panels.
     """
 
     kind: ClassVar[str] = "plot"
     svg: str
     caption: str
     data: Mapping[str, Any] = field(default_factory=dict)
+    is_wide: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for report.json."""

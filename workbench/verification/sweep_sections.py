@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from workbench.metrics import Metric
-from workbench.verification.figures import TradeoffPoint, tradeoff_figure
+from workbench.verification.cost_figures import cost_figure
 from workbench.verification.report_content import (
     Block,
     Cell,
     Column,
     Paragraph,
     Plot,
-    PlotRow,
     Section,
     Table,
     TextList,
@@ -35,7 +34,8 @@ def sweep_section(told: Mapping[str, Any]) -> Section:
     blocks: list[Block] = [
         Paragraph(
             "Each setting ran in a process of its own, all else as in this project. The ring is "
-            "the setting in force; the line joins those that no other beats in both. Without a "
+            "the setting in force, the star the one to take; the line joins those that no other "
+            "beats in both. Without a "
             "budget of time, advice goes by the time of the processor, which other work on the "
             "machine moves least. " + told["noise"]["told"]
         )
@@ -84,7 +84,7 @@ def _blocks(choice: Mapping[str, Any], points: Sequence[Mapping[str, Any]]) -> l
     unit, factor = _unit(measured)
     blocks: list[Block] = []
     if len(measured) > 1:
-        blocks.append(PlotRow(tuple(_plots(title, measured, unit, factor))))
+        blocks.append(_plot(title, measured, unit, factor))
     blocks.append(
         _table(points, unit, factor, f"{title[0].upper() + title[1:]}. {_advice(choice)}")
     )
@@ -100,33 +100,25 @@ def _unit(points: Sequence[Mapping[str, Any]]) -> tuple[str, float]:
     return own, 1.0
 
 
-def _plots(
-    title: str, points: Sequence[Mapping[str, Any]], unit: str, factor: float
-) -> Sequence[Plot]:
-    default = next((_name(point, points) for point in points if point["default"]), "")
-    found = []
-    for key, label, scale in _COSTS:
-        shown = [
-            TradeoffPoint(_name(point, points), scale * point[key], factor * point["error"])
-            for point in points
-        ]
-        name = f"sweep-{''.join(c if c.isalnum() else '-' for c in title)}-{key.replace('_', '-')}"
-        svg = tradeoff_figure(
-            shown, label, f"Error ({unit})", default, name=name,
-            alt=f"Error of {title} against {label.lower()} for each setting tried.",
-        )  # fmt: skip
-        data = {point.name: [point.x, point.y] for point in shown}
-        found.append(Plot(svg, f"{title}: {points[0]['told']}.", data))
-    return found
+def _plot(title: str, points: Sequence[Mapping[str, Any]], unit: str, factor: float) -> Plot:
+    """Numbers of the settings are those of the table's rows."""
+    errors = [factor * point["error"] for point in points]
+    costs = {label: [scale * point[key] for point in points] for key, label, scale in _COSTS}
+    svg = cost_figure(
+        "sweep-" + "".join(c if c.isalnum() else "-" for c in title),
+        errors,
+        costs,
+        f"Error ({unit})",
+        f"Error of {title} against wall time, processor time and memory for each setting tried.",
+        default=_index(points, "default"),
+        recommended=_index(points, "recommended"),
+    )
+    told = points[0]["told"]
+    return Plot(svg, f"{title}: {told}.", {f"Error ({unit})": errors} | costs, is_wide=True)
 
 
-def _name(point: Mapping[str, Any], points: Sequence[Mapping[str, Any]]) -> str:
-    """What is turned away from the setting in force; all knobs where nothing is."""
-    stand: Mapping[str, Any] = next((one["knobs"] for one in points if one["default"]), {})
-    turned = {k: v for k, v in point["knobs"].items() if stand.get(k) != v}
-    if not turned:
-        return "as it is"
-    return ", ".join(f"{name} {_value(value)}" for name, value in turned.items())
+def _index(points: Sequence[Mapping[str, Any]], mark: str) -> int | None:
+    return next((k for k, point in enumerate(points) if point[mark]), None)
 
 
 def _value(value: Any) -> str:
@@ -137,6 +129,7 @@ def _table(points: Sequence[Mapping[str, Any]], unit: str, factor: float, captio
     knobs = list(points[0]["knobs"])
     over_seeds = any("seeds" in point for point in points)
     columns = [
+        Column("", decimals=0),
         *(Column(name, style="code") for name in knobs),
         Column("Error", unit),
         *((Column("over seeds", unit), Column("±", unit)) if over_seeds else ()),
@@ -146,11 +139,12 @@ def _table(points: Sequence[Mapping[str, Any]], unit: str, factor: float, captio
         Column("", style="wide"),
     ]
     rows: list[tuple[Cell, ...]] = []
-    for point in points:
+    for number, point in enumerate(points, 1):
         seeds = point.get("seeds", {})
         spread = [_scaled(seeds.get(key), factor) for key in ("error_mean", "error_std")]
         rows.append(
             (
+                number,
                 *(_value(point["knobs"][name]) for name in knobs),
                 _scaled(point["error"], factor),
                 *(spread if over_seeds else ()),
