@@ -147,3 +147,25 @@ def test_surfels_grow_while_frames_are_slow(site: Site, serve, show):
     np.testing.assert_allclose(found[0][1:], recent, rtol=1e-9)
     assert recent[-1] == 8.0
     assert found[1:] == [1.5, False]
+
+
+def test_sharp_in_the_middle_alone_draws_fewer_at_the_sides(site: Site, serve, show):
+    tab = show(
+        f"{serve(site.folder)}#mode=surfels&light=camera&{VIEW.link}", width=WIDTH, height=HEIGHT
+    )
+    fine(tab, 2.0)
+    inside, everywhere = tab.picture().astype(int), tab.value("page.stage.counts.items")
+    tab.page.locator("#foveated").check()
+    fine(tab, 2.0)
+    # The ball is in the middle.
+    assert tab.value("page.stage.counts.items") == everywhere
+    assert np.abs(tab.picture().astype(int) - inside).max() <= 2
+    # Looking past it, it is at the side.
+    tab.page.evaluate("() => page.camera.read({ eye: '1.2,-4,1.1', to: '2.2,0.5,0' })")
+    fine(tab, 2.0)
+    aside, coarse = tab.picture().astype(int), tab.value("page.stage.counts.items")
+    tab.page.locator("#foveated").uncheck()
+    fine(tab, 2.0)
+    assert coarse < 0.85 * tab.value("page.stage.counts.items")
+    assert np.abs(tab.picture().astype(int) - aside).max() > 10
+    assert tab.told == []

@@ -119,6 +119,10 @@ class Page {
       this.#cut();
     });
     $("detail").addEventListener("input", () => this.#detail());
+    $("foveated").addEventListener("change", () => {
+      this.stage.look.foveated = $("foveated").checked;
+      this.stage.redraw();
+    });
     $("home").addEventListener("click", () => {
       camera.reset();
       this.#moved();
@@ -148,6 +152,7 @@ class Page {
     $("loading").textContent = "";
     $("mode-facts").textContent = entry.told ?? "";
     $("detail-section").hidden = this.stage.mode?.pixelError === undefined;
+    $("foveated-label").hidden = this.stage.mode?.foveated === undefined;
     this.#overlays();
     this.#remember();
   }

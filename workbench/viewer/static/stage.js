@@ -58,7 +58,7 @@ export class Stage {
     this.opening = 0;
     this.look = {
       light: [0, 0, 1], lit: true, headlight: true, overlay: "color",
-      section: [0, 0, 0, 1], pixelError: 1, budgetBytes: 512 << 20,
+      section: [0, 0, 0, 1], pixelError: 1, foveated: false, budgetBytes: 512 << 20,
     };
     this.asked = false;
     this.started = performance.now();

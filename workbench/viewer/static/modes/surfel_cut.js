@@ -3,6 +3,9 @@
 import { boxInPlanes, frustumPlanes, length } from "../vectors.js";
 import { finestRadius, prefixFor, radiusFor } from "./surfel_file.js";
 
+/** As far from the middle of the picture, in halves of its height, all is as fine as asked for. */
+const SHARP = 0.3;
+
 /** How far a place is from a box; 0 inside. */
 function away(eye, low, high) {
   return length(eye.map((value, k) => Math.max(low[k] - value, 0, value - high[k])));
@@ -16,12 +19,16 @@ function away(eye, low, high) {
  * node's go (Brandt 2019, 4). In the place of a child that is not there the node is drawn.
  */
 export class SurfelCut {
-  /** from: what is taken off coordinates of the file; size of surfels in pixels, across. */
-  constructor(store, view, from, size) {
+  /**
+   * from: what is taken off coordinates of the file; size of surfels in pixels, across, and how
+   * many times as much it grows from the middle of the picture on with every half of its height.
+   */
+  constructor(store, view, from, size, falloff = 0) {
     this.store = store;
     this.view = view;
     this.from = from;
     this.size = size;
+    this.falloff = falloff;
     this.planes = frustumPlanes(view.clip);
     this.shown = [];
     this.wanted = [];
@@ -51,10 +58,24 @@ export class SurfelCut {
     return away(this.view.eye, ...local) / this.view.pixelsPerUnit;
   }
 
+  /** Pixels across the surfels of a node: more where it lies wholly aside (Brandt 2019, 4.3). */
+  #sizeOf(node) {
+    if (!this.falloff) return this.size;
+    const { eye, fromWorld, pixelsPerUnit, height } = this.view;
+    const middle = node.lower.map((value, k) => 0.5 * (value + node.upper[k]) - this.from[k] - eye[k]);
+    const reach = 0.5 * length(node.upper.map((value, k) => value - node.lower[k]));
+    const far = length(middle);
+    if (far <= reach) return this.size;
+    const ahead = -(middle[0] * fromWorld[2] + middle[1] * fromWorld[6] + middle[2] * fromWorld[10]);
+    const angle = Math.max(Math.acos(Math.max(-1, Math.min(1, ahead / far))) - Math.asin(reach / far), 0);
+    const aside = (Math.tan(Math.min(angle, 1.5)) * pixelsPerUnit) / (height / 2);
+    return this.size * (1 + this.falloff * Math.max(aside - SHARP, 0));
+  }
+
   #visit(node, share) {
     const { store } = this;
     const pixel = this.#pixel(node);
-    const radius = 0.5 * this.size * pixel;
+    const radius = 0.5 * this.#sizeOf(node) * pixel;
     const need = prefixFor(node, radius);
     const loaded = store.loaded(node);
     const coarsest = radiusFor(node, loaded);
@@ -74,7 +95,7 @@ export class SurfelCut {
         continue;
       }
       const childPixel = this.#pixel(child);
-      const finer = Math.max(coarsest, finestRadius(node), 0.5 * this.size * childPixel);
+      const finer = Math.max(coarsest, finestRadius(node), 0.5 * this.#sizeOf(child) * childPixel);
       this.#want(child, prefixFor(child, finer), coarsest, childPixel);
       if (lack >= 0.5) this.#show(node, 1, radius, need, child);
     }

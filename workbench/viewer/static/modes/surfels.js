@@ -12,6 +12,9 @@ import { SurfelStore, bytesOf } from "./surfel_store.js";
 /** Discs that are wider than that, in pixels, are drawn as squares: points have a largest size. */
 const WIDEST_POINT = 48;
 
+/** So many times as large are surfels, more, with every half of the picture's height from its middle. */
+const FALLOFF = 3;
+
 const OVERLAYS = [
   { key: "color", label: "Colour" },
   { key: "shape", label: "Shape alone" },
@@ -28,9 +31,9 @@ export async function open(context, entry) {
   const screen = MixingScreen.of(gl, counts);
 
   /** The cut of a view whose bytes fit on the card: larger surfels where they do not. */
-  function cutOf(view, size, budget) {
+  function cutOf(view, size, budget, falloff) {
     for (let coarser = size; ; coarser *= 1.25) {
-      const cut = new SurfelCut(store, view, origin, coarser).of(file.nodes[0]);
+      const cut = new SurfelCut(store, view, origin, coarser, falloff).of(file.nodes[0]);
       const bytes = cut.wanted.reduce((sum, { node, count }) => sum + bytesOf(file, node, count), 0);
       if (bytes <= 0.9 * (budget - (screen?.bytes ?? 0)) || coarser > 1000) return cut;
     }
@@ -59,12 +62,13 @@ export async function open(context, entry) {
     pending: true,
     items: entry.items,
     pixelError: 1,
+    foveated: false,
     overlays: OVERLAYS,
     draw(view, look) {
       const { uniforms } = drawing;
       store.upload();
       const size = control.sizeFor(view, look.pixelError);
-      const cut = cutOf(view, size, look.budgetBytes);
+      const cut = cutOf(view, size, look.budgetBytes, look.foveated ? FALLOFF : 0);
       gl.useProgram(drawing.program);
       setLook(gl, uniforms, view, look);
       const row = (k) => [view.fromWorld[k], view.fromWorld[4 + k], view.fromWorld[8 + k]];
