@@ -78,3 +78,31 @@ def test_a_project_that_is_not_up_to_date_is_not_swept(fused: Path, cli):
     assert "workbench run" in told["error"]["fix"]
     told = cli("sweep", fused, "--error-budget", "1", expect=2)
     assert "one --stage" in told["error"]["expected"]
+
+
+def test_advice_is_checked_on_other_seeds(fused: Path):
+    before = content(fused)
+    told = swept(fused, "--seeds", "2", "--error-budget", "0.01")
+    for point in told["points"]:
+        seeds = point["seeds"]
+        assert seeds["count"] == 2
+        assert seeds["error_std"] > 0
+        # The project's own error is one of the two that the mean is of.
+        other = 2 * seeds["error_mean"] - point["error"]
+        assert other > 0
+        assert abs(other - point["error"]) == pytest.approx(2**0.5 * seeds["error_std"])
+    (advice,) = told["recommended"]
+    (checked,) = advice["checked"]
+    assert checked["seed"] == 4
+    assert checked["holds"] is True
+    other = fused / "work" / "sweep" / "seeds" / "seed-4"
+    assert json.loads((other / "truth" / "simulation.json").read_text())["options"]["seed"] == 4
+    assert content(fused) == before
+
+
+def test_a_project_without_a_truth_has_no_other_seeds(fused: Path, tmp_path: Path, cli):
+    project = tmp_path / "project"
+    shutil.copytree(fused, project, ignore=shutil.ignore_patterns("truth", "sweep"))
+    workbench("run", project, "--to", "fuse")
+    told = cli("sweep", project, "--knob", "fuse.thinning=0.0,4.0", "--seeds", "2", expect=2)
+    assert "--seeds" in told["error"]["fix"]
