@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,9 +12,23 @@ import numpy as np
 import pytest
 import trimesh
 
+from workbench.cli import run_cli
 from workbench.geometry.mesh import TriangleMesh
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture
+def cli(capsys):
+    """Run a command that needs no stages; returns (exit code, the one JSON object)."""
+
+    def call(*arguments):
+        code = run_cli((), [*map(str, arguments), "--json"])
+        out, _ = capsys.readouterr()
+        assert out.count("\n") == 1, "one line on standard output"
+        return code, json.loads(out)
+
+    return call
 
 
 @pytest.fixture(scope="session")

@@ -5,24 +5,10 @@ from __future__ import annotations
 import json
 
 import numpy as np
-import pytest
 
 from tests.raytracing.scenes import sheet
-from workbench.cli import run_cli
 from workbench.formats.ply import read_ply
 from workbench.formats.surface_files import write_surface_ply
-
-
-@pytest.fixture
-def cli(capsys):
-    """Run a command; returns (exit code, the one JSON object)."""
-
-    def call(*arguments):
-        code = run_cli((), [*map(str, arguments), "--json"])
-        out, _ = capsys.readouterr()
-        return code, json.loads(out)
-
-    return call
 
 
 def test_values_are_written_within_little_memory_and_told(cli, tmp_path):

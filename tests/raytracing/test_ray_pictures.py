@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tests.raytracing.scenes import sheet, stacked
-from workbench.cli import run_cli
 from workbench.formats.surface_files import write_surface_ply
 from workbench.geometry.mesh import TriangleMesh
 from workbench.raytracing.frame import LocalFrame
@@ -24,18 +23,6 @@ from workbench.raytracing.ray_light import (
 )
 from workbench.raytracing.surface_source import MeshSource
 from workbench.raytracing.whole_rays import WholeRays
-
-
-@pytest.fixture
-def cli(capsys):
-    """Run a command; returns (exit code, the one JSON object)."""
-
-    def call(*arguments):
-        code = run_cli((), [*map(str, arguments), "--json"])
-        out, _ = capsys.readouterr()
-        return code, json.loads(out)
-
-    return call
 
 
 def _slab() -> WholeRays:

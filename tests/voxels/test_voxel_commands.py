@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import cv2
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from workbench.cli import run_cli
 from workbench.formats.ply import read_ply
 from workbench.formats.surface_files import read_surface, write_surface_ply
 from workbench.geometry.mesh import TriangleMesh
@@ -18,19 +16,6 @@ from workbench.voxels.dag_encoding import ENCODINGS
 from workbench.voxels.lod_levels import thin_part
 from workbench.voxels.voxel_set import grid_of_mesh
 from workbench.voxels.voxelisation import voxelise
-
-
-@pytest.fixture
-def cli(capsys):
-    """Run a command; returns (exit code, the one JSON object)."""
-
-    def call(*arguments):
-        code = run_cli((), [*map(str, arguments), "--json"])
-        out, _ = capsys.readouterr()
-        assert out.count("\n") == 1, "one line on standard output"
-        return code, json.loads(out)
-
-    return call
 
 
 @pytest.fixture
