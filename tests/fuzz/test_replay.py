@@ -21,7 +21,7 @@ from workbench.errors import InputError
 
 def test_the_corpus_is_read_or_refused_with_help():
     command = [sys.executable, "-m", "tests.fuzz.replay", "60"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
     # What was being read when native code ended the process is the last thing it said.
     assert done.returncode == 0, done.stderr[-300:]
     told = json.loads(done.stdout.splitlines()[-1])
