@@ -12,7 +12,7 @@ DEMO_SETTINGS := --set verify.front_deg=180 --set texture.held_out=2 --set expor
 # The page is measured where there is a browser to open it in.
 MEASURED := $(if $(shell command -v chromium chromium-browser google-chrome),--measure)
 
-.PHONY: demo test test-full fuzz lint types imports check setup readme clean
+.PHONY: demo test test-full fuzz faults lint types imports check setup readme clean
 
 demo: setup
 	rm -rf $(DEMO)
@@ -42,6 +42,14 @@ ENGINE ?= own
 fuzz: setup
 	$(BIN)/python -m tests.fuzz.run --executions $(EXECUTIONS) --engine $(ENGINE) \
 		$(foreach reader,$(READER),--reader $(reader))
+
+# Runs killed at random moments, full disks, damaged files and more, on a small project of its
+# own; PROJECT=out/demo shows the table in another project's report, too.
+KILLS ?= 100
+PROJECT ?=
+faults: setup
+	$(BIN)/python -m tests.faults.run --kills $(KILLS) --worker-kills $$(($(KILLS) / 20)) \
+		$(if $(PROJECT),--project $(PROJECT))
 
 check: lint types imports
 

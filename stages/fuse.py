@@ -150,7 +150,7 @@ def _merged_on_disk(job: Job[FuseOptions], placed: PlacedScans, total: int, cell
     schema = samples_schema(placed.colored)
     with (
         job.products.writing("sample_cloud") as path,
-        TemporaryDirectory(dir=path.parent) as folder,
+        TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder,
     ):
         unmerged, merged = Path(folder) / "unmerged", Path(folder) / "merged"
         with job.progress.step(f"sorting {total} samples by place"):

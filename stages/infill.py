@@ -165,7 +165,8 @@ def run(job: Job[InfillOptions]) -> StageResult:
         Metric("unmeasured_pieces", pieces, "",
                "Separate pieces without any sample, taken away."),
     )  # fmt: skip
-    return StageResult(metrics, tuple(warnings))
+    # What a next run could use again is the surface itself; blocks take more room than that.
+    return StageResult(metrics, tuple(warnings), passing=("block_surfaces", "surface_parts"))
 
 
 def stored_samples(products: Any, artefact: str) -> AbstractContextManager[SampleSource]:
@@ -288,9 +289,6 @@ def in_blocks(
                 {*missed.get(plan.name(block), []), *numbers.tolist()}
             )
     mesh = joined(parts)
-    # What a next run could use again is the surface itself; these take more room than that.
-    products.remove_items_except("block_surfaces", set())
-    products.remove_items_except("surface_parts", set())
     return mesh, _solution_metrics(len(names), coarse.box is not None, len(found) - len(solved))
 
 

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 # Trouble of the machine or its owner, not of the program.
-_USER_ERRNO = frozenset((errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT))
+_USER_ERRNO = frozenset(
+    (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+)
 
 
 class _InterruptedError(WorkbenchError):

@@ -62,7 +62,7 @@ def colored_cloud(job: Job[ColorOptions], groups: tuple[Photographs, Photographs
     with (
         products.writing("colored_cloud") as path,
         # The store keeps files of its own beside it; they go with the folder.
-        TemporaryDirectory(dir=path.parent) as folder,
+        TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder,
     ):
         copy = Path(folder) / "samples.cloud"
         copyfile(products.load("sample_cloud"), copy)

@@ -11,6 +11,7 @@ import numpy as np
 from stages.verify.color import color_chapter
 from stages.verify.development import development_chapter
 from stages.verify.errors import ERRORS
+from stages.verify.faults import fault_chapter
 from stages.verify.frames import OBJECT, compared_poses, true_hits
 from stages.verify.masks import masks_chapter
 from stages.verify.options import VerifyOptions
@@ -103,7 +104,8 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     sweep, found = sweep_chapter(products)
     metrics += found
     stability, found = stability_chapter(products)
-    metrics += found
+    faults, told = fault_chapter(products)
+    metrics += found + told
     warnings += unread
     with job.progress.step("pictures and plots"):
         content = build_scan_report(
@@ -130,6 +132,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *shown,
                 *sweep,
                 *stability,
+                *faults,
             ),
             citations=_CITATIONS,
             reproducibility=_REPRODUCIBILITY,
@@ -325,6 +328,7 @@ VERIFY = Stage[Any](
         "point_cubes",
         "page_measures",
         "stability_table",
+        "fault_table",
         "sweep_points",
         "reference_file",
         "photo_files",

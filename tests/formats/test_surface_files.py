@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import struct
 import time
@@ -281,13 +282,35 @@ def test_real_meshes(shared_data):
     assert mesh.vertex_attributes["color"].dtype == np.uint8
 
 
+def test_two_that_write_one_file_at_once_never_mix(tmp_path):
+    path = tmp_path / "a.bin"
+    with replacing(path) as one:
+        one.write_bytes(b"one, the longer")
+        with replacing(path) as other:
+            other.write_bytes(b"other")
+        assert path.read_bytes() == b"other"
+    assert path.read_bytes() == b"one, the longer"
+
+
+def test_an_error_of_the_disk_names_the_file(tmp_path):
+    def full() -> None:
+        with replacing(tmp_path / "a.bin"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OSError, match="No space") as caught:
+        full()
+    assert caught.value.filename == str(tmp_path / "a.bin")
+
+
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
     path = tmp_path / "a.bin"
     path.write_bytes(b"old")
 
     def fail() -> None:
         with replacing(path) as partial:
-            assert partial == tmp_path / ".a.bin.partial"
+            assert partial.parent == tmp_path
+            assert partial.name.startswith(".a.bin.")
+            assert partial.suffix == ".partial"
             partial.write_bytes(b"half")
             raise RuntimeError
 

@@ -169,7 +169,7 @@ def test_a_note_counts_while_its_own_process_lives(project):
     path = note(project)
     assert states(project)["ingest"][0] == "running"
     # The number lives on, but it is another process that has it now.
-    note(project, process_started=psutil.Process().create_time() - 3600)
+    note(project, process_started=time.time() - psutil.boot_time() - 3600)
     assert states(project)["ingest"][0] == "interrupted"
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
@@ -181,3 +181,29 @@ def test_a_note_counts_while_its_own_process_lives(project):
     state, reason = states(project)["ingest"]
     assert state == "running"
     assert "cannot be seen from here" in reason
+
+
+def test_a_run_killed_between_its_record_and_its_note_is_done(project, run):
+    run(project)
+    record = project.store.load("records", "ingest")
+    note(project)
+    project.store.save("records", record, "ingest")
+    assert states(project)["ingest"][0] == "running"
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    # The note of another run than that of the record.
+    note(project, pid=ended.pid)
+    project.store.save("records", record, "ingest")
+    assert states(project)["ingest"][0] == "interrupted"
+    note(project, pid=ended.pid, run=record["run"])
+    project.store.save("records", record, "ingest")
+    assert states(project)["ingest"][0] == "fresh"
+
+
+def test_a_clock_that_is_set_ends_no_run(project, monkeypatch):
+    note(project)
+    assert states(project)["ingest"][0] == "running"
+    booted, begun = psutil.boot_time, psutil.Process.create_time
+    monkeypatch.setattr(psutil, "boot_time", lambda: booted() + 7200.0)
+    monkeypatch.setattr(psutil.Process, "create_time", lambda self: begun(self) + 7200.0)
+    assert states(project)["ingest"][0] == "running"

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import io
 import json
 from pathlib import Path
@@ -238,14 +239,92 @@ def test_results_do_not_depend_on_where_or_when(tmp_path, run):
     assert trees[0] == trees[1]
 
 
-def test_a_record_that_cannot_be_read_counts_as_none(project, run):
+def test_a_damaged_record_counts_as_none_and_is_told(project, run, done):
     run(project)
     path = project.store.path("records", "export")
-    path.write_text(path.read_text()[:40])
-    assert state(project, "export").state == "missing"
-    assert RecordFolder(project, "export").read() is None
-    path.write_text(json.dumps([1]))
-    assert RecordFolder(project, "export").read() is None
+    whole = path.read_text()
+    wrong_number = whole.replace('"peak_rss_bytes": ', '"peak_rss_bytes": 1')
+    assert wrong_number != whole
+    for text in (whole[:40], "", json.dumps([1]), wrong_number):
+        path.write_text(text)
+        assert state(project, "export").state == "stale"
+        assert state(project, "export").reason == "its record is damaged"
+        assert RecordFolder(project, "export").read() is None
+    assert done(project) == ["export", "verify"]
+
+
+def test_records_of_other_versions_are_read_and_never_fresh(project, run, done):
+    run(project)
+    path = project.store.path("records", "export")
+    record = json.loads(path.read_text())
+    del record["seal"], record["fingerprint"]["schemas"]
+    path.write_text(json.dumps(record))
+    assert state(project, "export").reason == "code changed: another form of what is stored"
+    path.write_text(json.dumps({"state": "failed", "reason": ""}))
+    assert state(project, "export").state == "failed"
+
+
+def test_what_a_killed_run_left_half_written_goes_when_its_stage_runs(project, run):
+    run(project)
+    exports = project.store.path("surface_ply").parent
+    left = [
+        exports / ".surface.ply.0a1b2c3d.partial",
+        exports / "..surface.ply.0a1b2c3d.partial.4e5f6071.partial",
+        project.root / "work/fuse/scans/.s0.npz.0a1b2c3d.partial",
+        project.root / "work/fuse/items/normals_of/.s0.json.0a1b2c3d.partial",
+        project.root / "work/fuse/.record.json.0a1b2c3d.partial",
+        project.root / "work/.hashes.json.0a1b2c3d.partial",
+    ]
+    for path in left:
+        path.write_bytes(b"half")
+    sorting = project.root / "work/fuse/.samples.npz.0a1b2c3d.partial.x_y"
+    sorting.mkdir()
+    (sorting / "sorted").write_bytes(b"half")
+    kept = [exports / ".surface.ply.swp", exports / "notes.partial"]
+    for path in kept:
+        path.write_bytes(b"of the user")
+    run(project, force=True)
+    assert not [path for path in (*left, sorting) if path.exists()]
+    assert all(path.exists() for path in kept)
+
+
+def test_what_only_helped_a_stage_goes_once_its_record_is_written(project, run, done, monkeypatch):
+    def helped(job):
+        fuse(job)
+        return StageResult(passing=("oriented_scans",))
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    pipeline = with_stage("fuse", run=helped)
+    run(project, last="ingest")
+    with monkeypatch.context() as broken:
+        broken.setattr(RecordFolder, "write", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run(project, pipeline, only="fuse")
+    assert project.store.items("oriented_scans") == ("s0", "s1")
+    run(project, pipeline, last="fuse")
+    assert project.store.items("oriented_scans") == ()
+    assert set(record_of(project, "fuse")["output_hashes"]) == {"samples"}
+    assert done(project, pipeline, last="fuse") == []
+
+
+def test_a_disk_that_is_full_is_told_even_where_no_record_can_be_written(project, run, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def refuse(job):
+        raise InputError("The scan is bad")
+
+    monkeypatch.setattr(RecordFolder, "write", full)
+    with pytest.raises(InputError, match="The scan is bad"):
+        run(project, with_stage("ingest", run=refuse))
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(InputError, match="cannot be written") as caught:
+        run(project)
+    assert caught.value.found == "No space left on device"
+    assert "room" in caught.value.fix
+    assert caught.value.file == str(project.root / "work")
 
 
 def test_a_stage_that_says_nothing_still_leaves_a_record(project, run):

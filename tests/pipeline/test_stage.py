@@ -90,7 +90,7 @@ def test_a_stage_cannot_read_what_it_did_not_declare(project, run):
 @pytest.mark.parametrize("pipeline", [PIPELINE, REAL], ids=["fake", "real"])
 def test_every_artefact_has_one_maker_before_its_readers(pipeline):
     # Commands of their own make what a report tells of the methods and the page.
-    made = {"page_measures", "stability_table", "sweep_points"}
+    made = {"fault_table", "page_measures", "stability_table", "sweep_points"}
     for stage in pipeline:
         assert not made & set(stage.writes), stage.name
         brought = {

@@ -23,6 +23,7 @@ from workbench.errors import (
 )
 from workbench.pipeline import cluster, tasks
 from workbench.pipeline.progress import Progress
+from workbench.pipeline.records import RecordFolder
 from workbench.pipeline.tasks import ItemProducts, Tasks
 from workbench.pipeline.threads import one_blas_thread
 from workbench.project.hashing import FileHashes
@@ -181,6 +182,27 @@ def test_an_item_touches_what_its_stage_declared(project):
         found.load("truth_surface")
     with pytest.raises(PermissionError, match="scan_inventory"):
         found.save("scan_inventory", {}, "a")
+
+
+def test_items_of_a_run_that_has_ended_take_no_place(tmp_path):
+    """A killed run's items may be at work elsewhere while the next run has other options."""
+    project = fake_project(tmp_path)
+    folder = RecordFolder(project, "fuse")
+    ended, now = folder.start(), folder.start()
+    path = project.store.path("oriented_scans", "m0")
+    with pytest.raises(WorkbenchError, match="has ended"):
+        of(project, asked_by=ended).map_items("items", matrix_product, matrices(1))
+    assert list(path.parent.iterdir()) == []
+    of(project, asked_by=now).map_items("items", matrix_product, matrices(1))
+    assert path.exists()
+
+
+def test_a_damaged_note_does_not_count(tmp_path):
+    project = fake_project(tmp_path)
+    first = of(project).map_items("items", matrix_product, matrices(1, tell=True))
+    path = project.root / "work/fuse/items/matrix_product/m0.json"
+    path.write_text(path.read_text().replace('"pid": ', '"pid": 1'))
+    assert of(project).map_items("items", matrix_product, matrices(1, tell=True)) == first
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 
@@ -12,10 +15,11 @@ from pathlib import Path
 def replacing(path: Path) -> Iterator[Path]:
     """Write a file beside its place and move it there when it is complete.
 
-    The body of the ``with`` writes to the path it is given, ``.<name>.partial`` in the same
-    folder. At its end that file is flushed to disk and renamed over ``path`` in one step,
+    The body of the ``with`` writes to the path it is given, ``.<name>.<random>.partial`` in the
+    same folder. At its end that file is flushed to disk and renamed over ``path`` in one step,
     so a reader sees the old file or the new one and never a half. When the body raises,
-    the partial file is removed and ``path`` stays as it was.
+    the partial file is removed and ``path`` stays as it was. Two that write one file at once
+    never mix; what killed ones leave behind `remove_unfinished` finds.
 
     Parameters
     ----------
@@ -26,17 +30,41 @@ def replacing(path: Path) -> Iterator[Path]:
     ------
     The temporary path to write. It ends in ``.partial``: a library that goes by the
     suffix has to be told the format.
+
+    Raises
+    ------
+    OSError
+        Of the disk; it names ``path``.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.name}.partial")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         yield partial
         _flush_to_disk(partial)
         os.replace(partial, path)
-    except BaseException:
+    except BaseException as error:
         partial.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in (None, str(partial)):
+            error.filename = str(path)
         raise
     _flush_folder_to_disk(path.parent)
+
+
+def remove_unfinished(folder: Path, name: str) -> None:
+    """Take away what killed writers of a file left beside it.
+
+    Parameters
+    ----------
+    name : of the file, or a pattern with ``*`` for several.
+    """
+    # Folders are what was sorted or cut on the way to the file.
+    for path in folder.iterdir():
+        if not fnmatchcase(path.name, f".*{name}.*.partial*"):
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _flush_to_disk(path: Path) -> None:

@@ -43,4 +43,4 @@ def write_color_png(path: Path, picture: NDArray[np.uint8]) -> None:
     done, encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA), _SETTINGS)
     if not done:
         raise OSError("the picture cannot be written as PNG")
-    encoded.tofile(path)
+    path.write_bytes(encoded.tobytes())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,23 +26,36 @@ def local_cluster(workers: int, libraries: tuple[str, ...] = ()) -> Iterator[Any
     import dask
     from distributed import Client, LocalCluster
 
-    settings = {"distributed.worker.daemon": True, "distributed.admin.tick.interval": "1s"}
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            # Room is checked before the run. Dask's own limit would halt or kill an item that
-            # takes more than its equal share while its neighbours take less.
-            memory_limit=0,
-            dashboard_address=None,
-            silence_logs=50,
-            host="127.0.0.1",
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        client.run(load_in_main_thread, libraries)
+    settings = {
+        "distributed.worker.daemon": True,
+        "distributed.admin.tick.interval": "1s",
+        # An item whose worker dies is tried anew on another, three times in all.
+        "distributed.scheduler.allowed-failures": 2,
+    }
+    with ExitStack() as started:
+        started.enter_context(dask.config.set(settings))
+        try:
+            cluster = started.enter_context(
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    # Room is checked before the run. Dask's own limit would halt or kill an item
+                    # that takes more than its equal share while its neighbours take less.
+                    memory_limit=0,
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=50,
+                    host="127.0.0.1",
+                )
+            )
+            client = started.enter_context(Client(cluster))
+            client.run(load_in_main_thread, libraries)
+        except (RuntimeError, OSError) as error:
+            raise WorkbenchError(
+                "The workers on this machine did not start",
+                found=str(error) or type(error).__name__,
+                fix="run it again; where memory is short, with fewer --workers",
+            ) from error
         yield client
 
 
@@ -142,9 +155,16 @@ def _check_workers(client: Any, witness: Path, libraries: tuple[str, ...]) -> No
 
 
 def results_of(
-    client: Any, run: Callable[[str, Any], Any], items: Mapping[str, Any]
+    client: Any, run: Callable[[str, Any], Any], items: Mapping[str, Any], memory_bytes: int = 0
 ) -> Iterator[tuple[str, Any]]:
-    """``(name, run(name, item))`` of every item, as they come."""
+    """``(name, run(name, item))`` of every item, as they come.
+
+    Raises
+    ------
+    WorkbenchError
+        An item whose workers died again and again; ``memory_bytes`` is what was announced that
+        it takes, 0 where nothing was.
+    """
     from distributed import as_completed
     from distributed.client import FutureCancelledError
     from distributed.scheduler import KilledWorker
@@ -155,10 +175,12 @@ def results_of(
         try:
             yield name, future.result()
         except (KilledWorker, FutureCancelledError) as error:
+            announced = f"about {memory_bytes / 2**30:.1f} GiB" if memory_bytes else None
             raise WorkbenchError(
                 f"The workers died while at work on {name}",
+                expected=announced and f"{announced} of memory for a worker, as announced",
                 found=str(error),
-                fix="most often memory ran out: take fewer --workers",
+                fix="most often memory ran out: take fewer --workers, or workers with more of it",
             ) from error
 
 

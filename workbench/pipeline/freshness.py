@@ -50,9 +50,9 @@ def settings_hash(stage: Stage[Any], options: StageOptions) -> str:
     return hash_of_value([stage.version, schemas, options.result_options(), libraries])
 
 
-def output_hashes(project: Project, stage: Stage[Any]) -> dict[str, str]:
-    """Artefact → hash of every product that is there."""
-    found = {name: project.store.paths(name) for name in stage.writes}
+def output_hashes(project: Project, names: Iterable[str]) -> dict[str, str]:
+    """Artefact → hash of every product that is there, of those named."""
+    found = {name: project.store.paths(name) for name in names}
     return {name: project.hashes.of_files(paths) for name, paths in found.items() if paths}
 
 
@@ -82,11 +82,15 @@ def state_of(
     if interrupted:
         return State("interrupted", f"a run that began {interrupted} did not end")
     record = folder.read()
+    if folder.damaged():
+        return State("stale", "its record is damaged")
     if record is None:
         return State("missing", "not run yet")
     if record.get("state") == "failed":
-        return State("failed", str(record.get("reason")).splitlines()[0])
-    outputs = output_hashes(project, stage)
+        return State(
+            "failed", str(record.get("reason") or "for no reason that was told").splitlines()[0]
+        )
+    outputs = output_hashes(project, stage.writes)
     for name, content in record.get("output_hashes", {}).items():
         if name not in outputs:
             return State("stale", f"missing output: {ARTEFACTS[name].description}")

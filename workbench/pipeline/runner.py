@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,6 +71,7 @@ def run_pipeline(
     """
     with project_lock(project.root), one_blas_thread():
         try:
+            project.hashes.remove_unfinished()
             plan = make_plan(pipeline, project, request.overrides)
             chosen = selected(plan, first=request.first, last=request.last, only=request.only)
             if request.target is not None:
@@ -145,20 +147,23 @@ class _Run:
             "fingerprint": fingerprint(project, stage, options, planned.absent),
             "inputs": file_entries(project, read),
         }
-        folder.start()
+        asked_by = record["run"] = folder.start()
+        for name in stage.writes:
+            project.store.remove_unfinished(name)
         if stage.name in self.forced:
             shutil.rmtree(folder.items_folder, ignore_errors=True)
         meter = Meter()
         try:
             with meter:
-                result = self._result(planned)
+                result = self._result(planned, asked_by)
         except Exception as error:
             if isinstance(error, WorkbenchError):
                 error.stage = error.stage or stage.name
                 told = str(error)
             else:
                 told = f"{type(error).__name__}: {error}"
-            folder.write(record | {"state": "failed", "reason": told, "ended": utc_now()})
+            with suppress(OSError):  # a full disk, which the error itself tells
+                folder.write(record | {"state": "failed", "reason": told, "ended": utc_now()})
             raise
         outcome = {
             "name": stage.name,
@@ -169,13 +174,17 @@ class _Run:
             "metrics": [metric.as_dict() for metric in result.metrics],
             "warnings": list(result.warnings),
         }
+        kept = [name for name in stage.writes if name not in result.passing]
         ended = {
             "ended": utc_now(),
             "cpu_seconds": round(meter.cpu_seconds, 3),
-            "outputs": file_entries(project, stage.writes),
-            "output_hashes": output_hashes(project, stage),
+            "outputs": file_entries(project, kept),
+            "output_hashes": output_hashes(project, kept),
         }
         folder.write(record | outcome | ended)
+        for name in result.passing:
+            for path in project.store.paths(name):
+                path.unlink()
         for warning in result.warnings:
             self.progress.warning(f"{stage.name}: {warning}")
         self.progress.line(
@@ -184,13 +193,15 @@ class _Run:
         )
         return outcome
 
-    def _result(self, planned: PlannedStage) -> StageResult:
+    def _result(self, planned: PlannedStage, asked_by: str) -> StageResult:
         project, stage, options = self.project, planned.stage, planned.options
         products = Products(project, stage.reads, stage.writes, planned.absent)
+        scene = project.scene()
+        announced = stage.estimate(scene, options).memory_bytes if stage.estimate else 0
         job = Job(
             products=products,
             options=options,
-            scene=project.scene(),
+            scene=scene,
             progress=self.progress,
             tasks=Tasks(
                 root=project.root,
@@ -203,6 +214,8 @@ class _Run:
                 libraries=stage.libraries,
                 workers=self.request.workers or _cores(),
                 cluster=self.request.cluster,
+                asked_by=asked_by,
+                memory_bytes=announced,
             ),
             left_out=self.left_out,
         )

@@ -38,10 +38,18 @@ class Estimate:
 
 @dataclass(frozen=True)
 class StageResult:
-    """What a stage has to say beside its products."""
+    """What a stage has to say beside its products.
+
+    Attributes
+    ----------
+    metrics, warnings : for the record and the report.
+    passing : per-item products that only helped to make the others; they go once the record is
+        written, for until then a killed run needs them.
+    """
 
     metrics: tuple[Metric, ...] = ()
     warnings: tuple[str, ...] = ()
+    passing: tuple[str, ...] = ()
 
 
 class Products:

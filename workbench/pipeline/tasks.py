@@ -19,10 +19,11 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from workbench.errors import InputError
+from workbench.errors import InputError, WorkbenchError
 from workbench.formats.atomic import replacing
+from workbench.pipeline.records import still_at_work
 from workbench.pipeline.threads import one_blas_thread
-from workbench.project.hashing import FileHashes, hash_of_value
+from workbench.project.hashing import FileHashes, hash_of_value, is_whole, sealed
 from workbench.project.project import PROJECT_FILE
 from workbench.project.store import ProductStore
 
@@ -43,12 +44,18 @@ class ItemProducts:
     ----------
     store : the project's artefacts.
     reads, writes : what the stage declared; nothing else can be touched.
+    wanted : raises where what is written is no longer wanted.
     """
 
     def __init__(
-        self, store: ProductStore, reads: tuple[str, ...], writes: tuple[str, ...]
+        self,
+        store: ProductStore,
+        reads: tuple[str, ...],
+        writes: tuple[str, ...],
+        wanted: Callable[[], None] = lambda: None,
     ) -> None:
         self._store = store
+        self._wanted = wanted
         self._reads = frozenset(reads) | frozenset(writes)
         self._writes = frozenset(writes)
         self.written: list[Path] = []
@@ -63,7 +70,7 @@ class ItemProducts:
         """Store one declared product of this item whole."""
         if name not in self._writes:
             raise PermissionError(f"the stage does not declare that it writes {name!r}")
-        self.written.append(self._store.save(name, value, item))
+        self.written.append(self._store.save(name, value, item, self._wanted))
 
 
 ItemFunction = Callable[[ItemProducts, Payload], dict[str, Any]]
@@ -84,6 +91,9 @@ class Tasks:
     libraries : distributions whose version can change the result.
     workers : how many processes on this machine.
     cluster : address of a Dask scheduler, instead of local workers.
+    asked_by : the run that asks, as its note names it. Items of a run that was killed may still
+        be at work elsewhere; what they make no longer takes its place.
+    memory_bytes : what the stage announced that it takes at most, 0 where it did not.
     """
 
     root: Path
@@ -96,6 +106,8 @@ class Tasks:
     libraries: tuple[str, ...] = ()
     workers: int = 1
     cluster: str | None = None
+    asked_by: str | None = None
+    memory_bytes: int = 0
 
     def map_items(
         self, label: str, function: ItemFunction, items: Mapping[str, Payload]
@@ -136,7 +148,7 @@ class Tasks:
                     "written": [[path, self.hashes.of_file(self.root / path)] for path in written],
                 }
                 # By way of JSON, as a later run will read it: a tuple is a list either way.
-                text = json.dumps(note)
+                text = json.dumps(sealed(note))
                 self._write_note(function, name, text)
                 done[name] = json.loads(text)["summary"]
                 step.advance()
@@ -155,7 +167,7 @@ class Tasks:
         """The summary of an item whose note and products still hold, else None."""
         try:
             note = json.loads(self._note_path(function, name).read_text(encoding="utf-8"))
-            if note["key"] != key:
+            if note["key"] != key or not is_whole(note):
                 return None
             for path, content in note["written"]:
                 if self.hashes.of_file(self.root / path) != content:
@@ -177,12 +189,13 @@ class Tasks:
             the_cluster_at,
         )
 
-        run = partial(run_item, str(self.root), self.reads, self.writes, function)
+        asked = None if self.asked_by is None else (self.stage, self.asked_by)
+        run = partial(run_item, str(self.root), self.reads, self.writes, asked, function)
         waiting = dict(todo)
         if self.cluster is not None:
             witness = self.root / PROJECT_FILE
             with the_cluster_at(self.cluster, witness, self.libraries, self.progress) as client:
-                yield from results_of(client, run, waiting)
+                yield from results_of(client, run, waiting, self.memory_bytes)
             return
         if self.workers == 1:
             for name, payload in waiting.items():
@@ -190,7 +203,7 @@ class Tasks:
             return
         if bound_to_main_thread(self.libraries):
             with local_cluster(min(self.workers, len(waiting)), self.libraries) as client:
-                yield from results_of(client, run, waiting)
+                yield from results_of(client, run, waiting, self.memory_bytes)
             return
         # Items begin here, and what is not begun after as long as a cluster takes to start
         # goes to workers. So small items never pay for a cluster, and large ones wait for
@@ -206,7 +219,7 @@ class Tasks:
             yield name, here.result()
         if waiting:
             with local_cluster(min(self.workers, len(waiting))) as client:
-                for outcome in results_of(client, run, waiting):
+                for outcome in results_of(client, run, waiting, self.memory_bytes):
                     if here.done():
                         here.result()  # an error of it is told now, not after all the others
                     yield outcome
@@ -217,12 +230,25 @@ def run_item(
     root: str,
     reads: tuple[str, ...],
     writes: tuple[str, ...],
+    asked_by: tuple[str, str] | None,
     function: ItemFunction,
     name: str,
     payload: Payload,
 ) -> ItemOutcome:
-    """One item, in whichever process; returns its summary and the products it wrote."""
-    products = ItemProducts(ProductStore(Path(root)), reads, writes)
+    """One item, in whichever process; returns its summary and the products it wrote.
+
+    ``asked_by`` are the stage and the run that asked, None where nobody can take over.
+    """
+
+    def wanted() -> None:
+        if asked_by is not None and not still_at_work(Path(root), *asked_by):
+            raise WorkbenchError(
+                "The run that asked for this has ended, or another has taken over",
+                file=root,
+                fix="nothing needs to be done: what was made is not kept",
+            )
+
+    products = ItemProducts(ProductStore(Path(root)), reads, writes, wanted)
     try:
         with one_blas_thread():
             summary = function(products, payload)

@@ -179,6 +179,7 @@ _TABLE = (
     Artefact("sweep_points", "work/sweep/sweep.json", "json", "error against run time"),
     Artefact("page_measures", "work/page/measures.json", "json", "what the page costs"),
     Artefact("stability_table", "work/stability/table.json", "json", "stiff and extreme cases"),
+    Artefact("fault_table", "work/faults/table.json", "json", "kills and other faults"),
     Artefact("records", "work/{item}/record.json", "json", "what each stage did"),
     Artefact("report_html", "report/report.html", "file", "the report for people"),
     Artefact("report_json", "report/report.json", "json", "the report's numbers"),

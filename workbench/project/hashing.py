@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.errors import InputError
-from workbench.formats.atomic import replacing
+from workbench.formats.atomic import remove_unfinished, replacing
 
 # A clock tick of a file system: within one, a second edit leaves the times as they were.
 _TICK_NS = 50_000_000
@@ -23,6 +23,17 @@ def hash_of_value(value: Any) -> str:
     """Hash of plain data (dicts, lists, numbers, strings); key order does not matter."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=True)
     return _name(hashlib.blake2b(text.encode(), digest_size=20).hexdigest())
+
+
+def sealed(document: dict[str, Any]) -> dict[str, Any]:
+    """Plain data with a hash of all it says under ``seal``."""
+    return document | {"seal": hash_of_value(document)}
+
+
+def is_whole(document: dict[str, Any]) -> bool:
+    """Whether data still say what was sealed; those of a version that knew no seals count so."""
+    said = {key: value for key, value in document.items() if key != "seal"}
+    return document.get("seal", "") in ("", hash_of_value(said))
 
 
 class FileHashes:
@@ -71,6 +82,10 @@ class FileHashes:
     def of_files(self, paths: Iterable[Path]) -> str:
         """One hash over several files: their names and contents, in the order given."""
         return hash_of_value([[path.name, self.of_file(path)] for path in paths])
+
+    def remove_unfinished(self) -> None:
+        """Take away what killed runs left of the memory; who holds the project may."""
+        remove_unfinished(self._memory_path.parent, self._memory_path.name)
 
     def save(self) -> None:
         """Write the memory when anything was added, without files that are gone."""

@@ -43,20 +43,27 @@ def project_lock(root: Path) -> Iterator[None]:
             fix="wait for it to end, or stop it",
         ) from None
     except OSError as error:
-        raise InputError(
-            "The project folder cannot be written",
-            file=folder,
-            found=error.strerror,
-            fix="check its permissions, or copy the project to where you may write",
-        ) from error
+        raise _unwritable(folder, error) from error
     try:
         started = datetime.now(UTC).isoformat(timespec="seconds")
         held = {"pid": os.getpid(), "host": socket.gethostname(), "started": started}
-        note.write_text(json.dumps(held), encoding="utf-8")
+        try:
+            note.write_text(json.dumps(held), encoding="utf-8")
+        except OSError as error:
+            raise _unwritable(folder, error) from error
         yield
     finally:
         note.unlink(missing_ok=True)
         lock.release()
+
+
+def _unwritable(folder: Path, error: OSError) -> InputError:
+    return InputError(
+        "The project folder cannot be written",
+        file=folder,
+        found=error.strerror,
+        fix="check its permissions and the room on its disk, or copy the project elsewhere",
+    )
 
 
 def _holder(note: Path) -> str:

@@ -11,7 +11,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from workbench.errors import InputError
-from workbench.formats.atomic import replacing
+from workbench.formats.atomic import remove_unfinished, replacing
 from workbench.formats.color_png import read_color_png, write_color_png
 from workbench.formats.linear_tiff import read_linear_tiff, write_linear_tiff
 from workbench.formats.mask_png import read_mask_png, write_mask_png
@@ -136,8 +136,17 @@ class ProductStore:
                 fix="run the stage that writes it again with --force",
             ) from error
 
-    def save(self, name: str, value: Any, item: str | None = None) -> Path:
-        """Store a value as the artefact; the same value gives the same bytes."""
+    def save(
+        self,
+        name: str,
+        value: Any,
+        item: str | None = None,
+        at_last: Callable[[], None] = lambda: None,
+    ) -> Path:
+        """Store a value as the artefact; the same value gives the same bytes.
+
+        ``at_last`` is called before the file takes its place; what it raises keeps it from that.
+        """
         artefact = _artefact(name)
         with self.writing(name, item) as path:
             if artefact.format == "json":
@@ -159,6 +168,7 @@ class ProductStore:
                 _write_arrays(path, value)
             else:
                 raise ValueError(f"{name} is written through writing()")
+            at_last()
         return self.path(name, item)
 
     @contextmanager
@@ -175,6 +185,12 @@ class ProductStore:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             yield temporary
+
+    def remove_unfinished(self, name: str) -> None:
+        """Take away what killed runs left beside an artefact; who holds the project may."""
+        place = self.root / _artefact(name).path.replace("{item}", "*")
+        if place.parent.is_dir():
+            remove_unfinished(place.parent, place.name)
 
 
 def require_inside(root: Path, folder: Path) -> None:
