@@ -96,7 +96,10 @@ def estimate(scene: Scene, options: InfillOptions) -> Estimate:
     samples = scene.scan_bytes / 16
     cells = min(1.5 * 4**depth, 20.0 * samples)
     at_once = min(cells, 20.0 * options.block_samples)
-    return Estimate(int(600 * at_once + 60 * samples) + 2**29, int(100 * cells) + 2**24)
+    memory = int(600 * at_once + 60 * samples) + 2**29
+    # Blocks are solved side by side, where there are any.
+    block = int(600 * at_once) if samples > options.block_samples else 0
+    return Estimate(memory, int(100 * cells) + 2**24, item_bytes=block)
 
 
 def run(job: Job[InfillOptions]) -> StageResult:

@@ -48,7 +48,8 @@ def needed(scene: Scene, options: IngestOptions) -> Need:
 def estimate(scene: Scene, options: IngestOptions) -> Estimate:
     # A text file unfolds to about as many bytes of arrays; one file per worker is open.
     per_file = scene.scan_bytes / max(scene.scans, 1)
-    return Estimate(int(6 * per_file) + 2**28, int(1.5 * scene.scan_bytes) + 2**24)
+    one = int(6 * per_file)
+    return Estimate(one + 2**28, int(1.5 * scene.scan_bytes) + 2**24, item_bytes=one)
 
 
 def run(job: Job[IngestOptions]) -> StageResult:

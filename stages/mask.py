@@ -114,7 +114,8 @@ def needed(scene: Scene, options: MaskOptions) -> Need:
 
 def estimate(scene: Scene, options: MaskOptions) -> Estimate:
     # A photograph of 50 million pixels takes some 2 GiB; one per worker is open.
-    return Estimate(2**31 if scene.photos else 6 * scene.scan_bytes + 2**28, 2**24)
+    one = 2**31 if scene.photos else 6 * scene.scan_bytes // max(scene.scans, 1)
+    return Estimate(one if scene.photos else 6 * scene.scan_bytes + 2**28, 2**24, item_bytes=one)
 
 
 def run(job: Job[MaskOptions]) -> StageResult:

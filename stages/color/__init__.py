@@ -44,7 +44,9 @@ def estimate(scene: Scene, options: ColorOptions) -> Estimate:
     # A photograph of 24 million pixels takes some 3 GiB of buffers, one per worker. Each
     # vertex is told by a quarter of the photographs at most, at 32 bytes each.
     vertices = scene.scan_bytes // 16 + 2**16
-    return Estimate(3 * 2**30 + 400 * vertices, 40 * vertices * max(1, scene.photos // 4))
+    photo = 3 * 2**30
+    disk = 40 * vertices * max(1, scene.photos // 4)
+    return Estimate(photo + 400 * vertices, disk, item_bytes=photo + 200 * vertices)
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,8 @@ def needed(scene: Scene, options: DevelopOptions) -> Need:
 def estimate(scene: Scene, options: DevelopOptions) -> Estimate:
     # A photograph of 24 million pixels takes some 2 GiB, one per worker, and 110 MB on disk.
     shrunk = 4 if options.half_size else 1
-    return Estimate(2**31 // shrunk, scene.photos * (2**27 // shrunk))
+    one = 2**31 // shrunk
+    return Estimate(one, scene.photos * (2**27 // shrunk), item_bytes=one)
 
 
 def run(job: Job[DevelopOptions]) -> StageResult:

@@ -42,10 +42,8 @@ def needed(scene: Scene, options: TextureOptions) -> Need:
 def estimate(scene: Scene, options: TextureOptions) -> Estimate:
     # A photograph of 24 million pixels takes some 3 GiB of buffers while its flash is taken out.
     pixels = options.depth_map_px**2
-    return Estimate(
-        3 * 2**30 + (options.cache_mb << 20) + 500 * pixels,
-        scene.photos * (64 * pixels + 2**25),
-    )
+    one = 3 * 2**30 + (options.cache_mb << 20) + 500 * pixels
+    return Estimate(one, scene.photos * (64 * pixels + 2**25), item_bytes=one)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
 import io
+import json
+import os
+import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +21,9 @@ from workbench.pipeline.planner import make_plan
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.runner import RunRequest, run_pipeline
 from workbench.project.project import Project
+
+# As configs/cluster says it: an item whose worker dies is tried three times in all.
+ALLOWED = "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"
 
 
 @pytest.fixture
@@ -62,3 +69,38 @@ def done(run) -> Callable[..., list[str]]:
         return [name for name, outcome in outcomes.items() if outcome["action"] == "run"]
 
     return names
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """The address of a Dask scheduler of its own, and a function that gives it a worker."""
+    file = tmp_path / "scheduler.json"
+    started = []
+
+    def start(*arguments: str) -> None:
+        path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+        process = subprocess.Popen(
+            [sys.executable, "-m", *arguments, "--scheduler-file", str(file)],
+            env=os.environ | {"PYTHONPATH": path, ALLOWED: "2"},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        started.append(process)
+
+    def worker() -> None:
+        folder = str(tmp_path)
+        # Without a nanny, which would start a worker that was killed again.
+        start("distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard", "--no-nanny",
+              "--local-directory", folder)  # fmt: skip
+
+    start("distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-dashboard")
+    for _ in range(1500):
+        if file.exists() and file.read_text().strip().endswith("}"):
+            break
+        started[0].poll()
+        time.sleep(0.01)
+    yield json.loads(file.read_text())["address"], worker
+    for process in reversed(started):
+        process.kill()
+    for process in started:
+        process.wait(timeout=20)

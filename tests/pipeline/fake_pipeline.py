@@ -7,6 +7,7 @@ items, ``export`` writes a file and ``verify`` reads all records.
 from __future__ import annotations
 
 import os
+import signal
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -127,6 +128,17 @@ def die(products: ItemProducts, payload: Payload) -> dict[str, Any]:
         time.sleep(1.0)
         return {}
     os._exit(9)
+
+
+def die_at_first(products: ItemProducts, payload: Payload) -> dict[str, Any]:
+    """An item whose first workers are killed in its middle; the log tells of every beginning."""
+    log = Path(payload["log"])
+    with open(log, "a") as file:
+        file.write("begun\n")
+    if len(log.read_text().split()) <= payload["deaths"]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    products.save("oriented_scans", {"n": np.arange(payload["deaths"])}, payload["name"])
+    return {"begun": len(log.read_text().split())}
 
 
 def export(job: Job[ExportOptions]) -> StageResult:

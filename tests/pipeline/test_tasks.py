@@ -6,7 +6,6 @@ import os
 import pickle
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -37,9 +36,8 @@ def of(project: Project, **where) -> Tasks:
         stage="fuse",
         fingerprint="f",
         hashes=FileHashes(project.root / "work" / "hashes.json", project.root),
-        progress=Progress(io.StringIO()),
         writes=("oriented_scans",),
-        **where,
+        **({"progress": Progress(io.StringIO())} | where),
     )
 
 
@@ -236,40 +234,6 @@ def test_errors_survive_the_way_between_processes(kind):
     assert back.as_dict() == error.as_dict()
     assert str(back) == str(error)
     assert back.exit_code == error.exit_code
-
-
-@pytest.fixture
-def scheduler(tmp_path):
-    """The address of a Dask scheduler of its own, and a function that gives it a worker."""
-    file = tmp_path / "scheduler.json"
-    started = []
-
-    def start(*arguments: str) -> None:
-        path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-        process = subprocess.Popen(
-            [sys.executable, "-m", *arguments, "--scheduler-file", str(file)],
-            env=os.environ | {"PYTHONPATH": path},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        started.append(process)
-
-    def worker() -> None:
-        folder = str(tmp_path)
-        start("distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard",
-              "--local-directory", folder)  # fmt: skip
-
-    start("distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-dashboard")
-    for _ in range(1500):
-        if file.exists() and file.read_text().strip().endswith("}"):
-            break
-        started[0].poll()
-        time.sleep(0.01)
-    yield json.loads(file.read_text())["address"], worker
-    for process in reversed(started):
-        process.kill()
-    for process in started:
-        process.wait(timeout=20)
 
 
 def test_an_outside_cluster_gives_the_same_and_is_checked_first(

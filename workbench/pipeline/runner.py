@@ -22,11 +22,11 @@ from workbench.pipeline.meter import Meter
 from workbench.pipeline.planner import Pipeline, PlannedStage, make_plan, needed_for, selected
 from workbench.pipeline.progress import Progress, format_seconds
 from workbench.pipeline.records import RecordFolder, host_facts, library_versions, utc_now
-from workbench.pipeline.stage import Job, Products, StageResult
+from workbench.pipeline.stage import Estimate, Job, Products, StageResult
 from workbench.pipeline.tasks import Tasks
 from workbench.pipeline.threads import one_blas_thread
 from workbench.project.lock import project_lock
-from workbench.project.project import Project
+from workbench.project.project import Project, Scene
 from workbench.project.settings import StageSettings
 
 
@@ -147,6 +147,9 @@ class _Run:
             "fingerprint": fingerprint(project, stage, options, planned.absent),
             "inputs": file_entries(project, read),
         }
+        estimate = _estimate(planned, project.scene())
+        if estimate is not None:
+            record["announced_memory_bytes"] = estimate.announced(self._processes(project.scene()))
         asked_by = record["run"] = folder.start()
         for name in stage.writes:
             project.store.remove_unfinished(name)
@@ -197,7 +200,7 @@ class _Run:
         project, stage, options = self.project, planned.stage, planned.options
         products = Products(project, stage.reads, stage.writes, planned.absent)
         scene = project.scene()
-        announced = stage.estimate(scene, options).memory_bytes if stage.estimate else 0
+        estimate = _estimate(planned, scene)
         job = Job(
             products=products,
             options=options,
@@ -215,13 +218,23 @@ class _Run:
                 workers=self.request.workers or _cores(),
                 cluster=self.request.cluster,
                 asked_by=asked_by,
-                memory_bytes=announced,
+                item_memory_bytes=estimate.worker_bytes if estimate else 0,
             ),
             left_out=self.left_out,
         )
         result = stage.run(job)
         products.remove_what_was_not_written()
         return result
+
+    def _processes(self, scene: Scene) -> int:
+        """How many may be at work at once on this machine: no more than there are items."""
+        workers = 1 if self.request.cluster else self.request.workers or _cores()
+        return max(1, min(workers, max(scene.scans, scene.photos)))
+
+
+def _estimate(planned: PlannedStage, scene: Scene) -> Estimate | None:
+    told = planned.stage.estimate
+    return None if told is None else told(scene, planned.options)
 
 
 def _cores() -> int:
@@ -264,9 +277,9 @@ def _check_room(project: Project, chosen: list[PlannedStage], forced: frozenset[
     disk = shutil.disk_usage(project.root).free
     for planned in chosen:
         works = planned.runs or planned.stage.name in forced
-        if not works or planned.action == "left out" or planned.stage.estimate is None:
+        estimate = _estimate(planned, scene)
+        if not works or planned.action == "left out" or estimate is None:
             continue
-        estimate = planned.stage.estimate(scene, planned.options)
         for what, need, have in (
             ("memory", estimate.memory_bytes, memory),
             ("disk space", estimate.disk_bytes, disk),

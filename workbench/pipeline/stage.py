@@ -17,6 +17,9 @@ from workbench.project.artefacts import ARTEFACTS
 from workbench.project.project import Project, Scene
 from workbench.project.settings import StageOptions
 
+#: What Python and all libraries take in a process, measured on whole runs.
+LIBRARY_BYTES = 2**29
+
 OptionsT = TypeVar("OptionsT", bound=StageOptions)
 
 
@@ -30,10 +33,27 @@ class Need:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a stage will take at most, foretold from the scene."""
+    """What a stage will take at most, foretold from the scene.
+
+    Attributes
+    ----------
+    memory_bytes : with one worker, beside what the libraries take.
+    disk_bytes : of all its products.
+    item_bytes : of the memory, what one item takes: each further worker holds one.
+    """
 
     memory_bytes: int
     disk_bytes: int
+    item_bytes: int = 0
+
+    def announced(self, workers: int) -> int:
+        """All memory with so many processes at work, libraries included."""
+        return self.memory_bytes + LIBRARY_BYTES + (workers - 1) * self.worker_bytes
+
+    @property
+    def worker_bytes(self) -> int:
+        """Memory of a worker that is at work on one item."""
+        return self.item_bytes + LIBRARY_BYTES
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ class Tasks:
     cluster : address of a Dask scheduler, instead of local workers.
     asked_by : the run that asks, as its note names it. Items of a run that was killed may still
         be at work elsewhere; what they make no longer takes its place.
-    memory_bytes : what the stage announced that it takes at most, 0 where it did not.
+    item_memory_bytes : what the stage announced that a worker takes, 0 where it did not.
     """
 
     root: Path
@@ -107,7 +107,7 @@ class Tasks:
     workers: int = 1
     cluster: str | None = None
     asked_by: str | None = None
-    memory_bytes: int = 0
+    item_memory_bytes: int = 0
 
     def map_items(
         self, label: str, function: ItemFunction, items: Mapping[str, Payload]
@@ -195,7 +195,7 @@ class Tasks:
         if self.cluster is not None:
             witness = self.root / PROJECT_FILE
             with the_cluster_at(self.cluster, witness, self.libraries, self.progress) as client:
-                yield from results_of(client, run, waiting, self.memory_bytes)
+                yield from results_of(client, run, waiting, self.item_memory_bytes)
             return
         if self.workers == 1:
             for name, payload in waiting.items():
@@ -203,7 +203,7 @@ class Tasks:
             return
         if bound_to_main_thread(self.libraries):
             with local_cluster(min(self.workers, len(waiting)), self.libraries) as client:
-                yield from results_of(client, run, waiting, self.memory_bytes)
+                yield from results_of(client, run, waiting, self.item_memory_bytes)
             return
         # Items begin here, and what is not begun after as long as a cluster takes to start
         # goes to workers. So small items never pay for a cluster, and large ones wait for
@@ -219,7 +219,7 @@ class Tasks:
             yield name, here.result()
         if waiting:
             with local_cluster(min(self.workers, len(waiting))) as client:
-                for outcome in results_of(client, run, waiting, self.memory_bytes):
+                for outcome in results_of(client, run, waiting, self.item_memory_bytes):
                     if here.done():
                         here.result()  # an error of it is told now, not after all the others
                     yield outcome
