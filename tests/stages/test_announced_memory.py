@@ -11,6 +11,7 @@ def test_each_further_worker_takes_an_item_and_its_libraries():
     estimate = Estimate(1000, 0, item_bytes=300)
     assert estimate.announced(1) == 1000 + LIBRARY_BYTES
     assert estimate.announced(3) == 1600 + 3 * LIBRARY_BYTES
+    assert Estimate(1000, 0).announced(3) == 1000 + LIBRARY_BYTES
 
 
 @pytest.mark.slow

@@ -39,7 +39,8 @@ class Estimate:
     ----------
     memory_bytes : with one worker, beside what the libraries take.
     disk_bytes : of all its products.
-    item_bytes : of the memory, what one item takes: each further worker holds one.
+    item_bytes : of the memory, what one item takes: each further worker holds one. 0 where the
+        stage has no items for workers.
     """
 
     memory_bytes: int
@@ -52,8 +53,8 @@ class Estimate:
 
     @property
     def worker_bytes(self) -> int:
-        """Memory of a worker that is at work on one item."""
-        return self.item_bytes + LIBRARY_BYTES
+        """Memory of a worker that is at work on one item; 0 where there are none."""
+        return self.item_bytes + LIBRARY_BYTES if self.item_bytes else 0
 
 
 @dataclass(frozen=True)
