@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import random
 import shutil
 import sys
@@ -68,11 +69,13 @@ def main() -> int:
         reference = reference_of(project, scratch, given.stage or NAMES)
         tallies = [Tally(name) for name in given.stage or NAMES]
         rng = random.Random(given.seed)
-        for share, workers in ((given.kills, False), (given.worker_kills, True)):
+        for kills, workers in ((given.kills, False), (given.worker_kills, True)):
             killed = [t for t in tallies if not workers or t.stage in WITH_WORKERS]
-            for number, tally in enumerate(killed):
-                wanted = tally.kills + share * (number + 1) // len(killed)
-                wanted -= share * number // len(killed)
+            # Quick stages more often: an hour of kills meets more of their moments.
+            weights = {t.stage: reference.seconds[t.stage] ** -0.5 for t in killed}
+            for tally in killed:
+                share = math.ceil(kills * weights[tally.stage] / sum(weights.values()))
+                wanted = tally.kills + share
                 while tally.kills < wanted:
                     kill_stage(reference, tally, scratch, rng, workers=workers)
                 print(shown_tally(tally), flush=True)
