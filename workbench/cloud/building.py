@@ -22,7 +22,7 @@ from workbench.cloud.store import ChunkStore
 from workbench.cloud.tree import Tree
 from workbench.cloud.tree_building import BUCKETS_IN_MEMORY, Limits, Progress, TreeBuilder
 from workbench.errors import InputError, ProjectLockedError, SettingsError, WorkbenchError
-from workbench.formats.atomic import replacing
+from workbench.formats.atomic import remove_unfinished, replacing
 
 FORMAT = 1
 POINTS_PER_CHUNK = 32_768
@@ -95,9 +95,7 @@ def build_cloud(
         )
     threads = min(workers or _processors(), BUCKETS_IN_MEMORY)
     with _working_folder(path) as folder, replacing(path) as partial:
-        partial.unlink(missing_ok=True)
         lock = Path(f"{partial}-lock")
-        lock.unlink(missing_ok=True)
         store = ChunkStore(partial, create=True)
         try:
             limits = Limits(memory_bytes, points_per_chunk, compression_level, threads)
@@ -138,6 +136,7 @@ def _working_folder(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         writer.acquire(timeout=0)
         shutil.rmtree(folder, ignore_errors=True)
+        remove_unfinished(path.parent, path.name)
         folder.mkdir()
     except Timeout:
         raise ProjectLockedError(

@@ -57,9 +57,11 @@ def remove_unfinished(folder: Path, name: str) -> None:
     ----------
     name : of the file, or a pattern with ``*`` for several.
     """
-    # Folders are what was sorted or cut on the way to the file.
+    # A partial file may have been written by way of another; folders are what was sorted or cut
+    # on the way to the file.
+    partial = f"{name}.{8 * '[0-9a-f]'}.partial*"
     for path in folder.iterdir():
-        if not fnmatchcase(path.name, f".*{name}.*.partial*"):
+        if not path.name.startswith(".") or not fnmatchcase(path.name.lstrip("."), partial):
             continue
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
