@@ -15,7 +15,7 @@ from workbench.errors import InputError
 from workbench.geometry.transforms import rigid
 from workbench.metrics import Metric
 from workbench.pipeline.knobs import Knob
-from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
+from workbench.pipeline.stage import Estimate, Job, Need, Products, Stage, StageResult
 from workbench.pipeline.tasks import ItemProducts, Payload
 from workbench.project.project import Scene
 from workbench.project.settings import StageOptions
@@ -63,8 +63,8 @@ class FuseOptions(StageOptions):
 def needed(scene: Scene, options: FuseOptions) -> Need:
     if scene.geometry:
         return Need(False, "the surface was made elsewhere")
-    if not scene.scans:
-        return Need(False, "no range scans")
+    if not scene.has_surface:
+        return Need(False, "neither range scans nor three photographs")
     return Need(True, "samples to consolidate")
 
 
@@ -78,17 +78,17 @@ def run(job: Job[FuseOptions]) -> StageResult:
     from workbench.cloud.fusion import joined, merged
 
     products, options = job.products, job.options
-    inventory = products.load("scan_inventory")
+    inventory, poses, maps = _sources(products)
     judged = options.model_dump(exclude={"thinning", "memory_samples"})
     # A scan that register left out has no pose.
-    poses = products.load("scan_poses")["scans"]
     entries = [entry for entry in inventory["scans"] if entry["name"] in poses]
     names = [entry["name"] for entry in entries]
     masked = products.items("scan_masks")
     items = {
         name: {
             "name": name,
-            "content": products.content_hash("range_maps", name),
+            "maps": maps,
+            "content": products.content_hash(maps, name),
             "mask": products.content_hash("scan_masks", name) if name in masked else None,
             "settings": judged,
         }
@@ -118,6 +118,14 @@ def run(job: Job[FuseOptions]) -> StageResult:
     return StageResult(_metrics(inventory, total, kept, spacing, total > options.memory_samples))
 
 
+def _sources(products: Products) -> tuple[dict[str, Any], dict[str, Any], str]:
+    """Inventory and poses of the scans, or of the photographs' depth maps, and what holds them."""
+    if products.is_there("photo_range_inventory"):
+        inventory = products.load("photo_range_inventory")
+        return inventory, {entry["name"]: entry for entry in inventory["scans"]}, "photo_range_maps"
+    return products.load("scan_inventory"), products.load("scan_poses")["scans"], "range_maps"
+
+
 class PlacedScans:
     """Every scan's trusted samples in the project frame, one scan in memory at a time."""
 
@@ -136,11 +144,11 @@ class PlacedScans:
             if entry["name"] not in self._poses:
                 continue
             arrays = self._products.load("oriented_scans", entry["name"])
-            color = arrays.pop("color", None)
+            color, sigma = arrays.pop("color", None), arrays.pop("sigma_m", None)
             scan = OrientedScan(**arrays)
             world_from_scan = np.array(self._poses[entry["name"]]["world_from_scan"])
             pose = to_project @ world_from_scan @ rigid(np.eye(3), entry["scan_shift_m"])
-            yield placed_samples(scan, pose, color if self.colored else None, number)
+            yield placed_samples(scan, pose, color if self.colored else None, number, sigma)
 
 
 def _merged_on_disk(job: Job[FuseOptions], placed: PlacedScans, total: int, cell_m: float) -> int:
@@ -168,13 +176,14 @@ def orient_scan(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     """One scan: its trusted samples with normals."""
     from workbench.geometry.orientedscan import OrientationSettings, orient
 
-    scan = products.load("range_maps", payload["name"])
+    scan = products.load(payload["maps"], payload["name"])
     if payload["mask"]:
         scan = scan.masked(products.load("scan_masks", payload["name"]))
     oriented = orient(scan, OrientationSettings(**payload["settings"]))
     arrays = {name: getattr(oriented, name) for name in oriented.__dataclass_fields__}
-    if scan.color is not None:
-        arrays["color"] = scan.color[oriented.source]
+    for told in ("color", "sigma_m"):
+        if getattr(scan, told) is not None:
+            arrays[told] = getattr(scan, told)[oriented.source]
     products.save("oriented_scans", arrays, payload["name"])
     return {"samples": len(oriented)}
 
@@ -194,10 +203,13 @@ def _metrics(
 
 FUSE = Stage(
     name="fuse",
-    version=2,
+    version=3,
     summary="Normals by range grid, mixed pixels out, duplicates merged, confidence kept.",
     options=FuseOptions,
-    reads=("scan_inventory", "range_maps", "scan_masks", "scan_poses"),
+    reads=(
+        *("scan_inventory", "range_maps", "scan_masks", "scan_poses"),
+        *("photo_range_inventory", "photo_range_maps"),
+    ),
     writes=("oriented_scans", "samples", "sample_cloud"),
     needed=needed,
     run=run,

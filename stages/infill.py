@@ -84,8 +84,8 @@ class InfillOptions(StageOptions):
 def needed(scene: Scene, options: InfillOptions) -> Need:
     if scene.geometry:
         return Need(False, "the surface was made elsewhere")
-    if not scene.scans:
-        return Need(False, "no range scans")
+    if not scene.has_surface:
+        return Need(False, "neither range scans nor three photographs")
     return Need(True, "a closed surface to make")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 from stages.color import COLOR
+from stages.densify import DENSIFY
 from stages.develop import DEVELOP
 from stages.export import EXPORT
 from stages.fuse import FUSE
@@ -23,6 +24,7 @@ PIPELINE: Pipeline = (
     DEVELOP,  # Jaspe 2018, 3.4.2: RAW photographs to linear, calibrated colour
     MASK,  # Jaspe 2018, 3.4.3: what is not the object is masked away, scans and photographs
     REGISTER,  # Jaspe 2018, 3.4.1: fine registration of the range maps
+    DENSIFY,  # Xu and Tao 2019: depth maps of photographs alone, which ORIENT then comes before
     FUSE,  # Jaspe 2018, 3.4.4: one consolidated set of samples
     INFILL,  # Jaspe 2018, 3.4.6: screened Poisson closes what no scan saw
     ORIENT,  # Jaspe 2018, 3.4.2: where the photographs were taken from, against the surface

@@ -35,7 +35,7 @@ _SHADOW_STEP = 0.005
 def needed(scene: Scene, options: ColorOptions) -> Need:
     if not scene.photos:
         return Need(False, "no photographs")
-    if not (scene.scans or scene.geometry):
+    if not scene.has_surface:
         return Need(False, "no surface to colour: neither scans nor geometry")
     return Need(True, f"{scene.photos} photographs to colour the surface with")
 

@@ -43,7 +43,7 @@ def needed(scene: Scene, options: ExportOptions) -> Need:
     levels = (options.voxels != "none", options.surfels, options.cells != "none", options.clouds)
     if not any(formats) and not any(levels):
         return Need(False, "no format asked for")
-    if scene.scans or scene.geometry:
+    if scene.has_surface:
         return Need(True, "a surface to hand on")
     return Need(False, "no surface: neither scans nor geometry")
 

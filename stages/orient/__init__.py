@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from shutil import copyfile
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
+from stages.orient.options import OrientOptions
+from stages.orient.scaling import in_own_scale
 from stages.orient.telling import (
     alignment_metrics,
     doubts,
@@ -25,57 +26,11 @@ from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.mask_subjects import photos_by_name
 from workbench.project.project import Scene
-from workbench.project.settings import StageOptions
 
 if TYPE_CHECKING:
     from workbench.formats.colmap import ColmapModel
     from workbench.geometry.mesh import TriangleMesh
     from workbench.orientation.structure_from_motion import OrientationSettings
-
-
-class OrientOptions(StageOptions):
-    """Options of ``orient``."""
-
-    image_px: int = Field(
-        3200,
-        ge=200,
-        le=20_000,
-        description="Longer side at which features are looked for; larger photographs are reduced.",
-    )
-    features: int = Field(
-        6000, ge=200, le=100_000, description="Features kept of a photograph, the strongest."
-    )
-    mapper: Literal["incremental", "global"] = Field(
-        "incremental",
-        description="How cameras are found from pairs: one after the other, or all at once, which "
-        "is quicker for hundreds of photographs.",
-    )
-    seed: int = Field(0, ge=0, description="Of all draws; the same seed gives the same cameras.")
-    align: Literal["auto", "own"] = Field(
-        "auto",
-        description="Bring photographs onto the surface, or leave them in a frame of their own.",
-    )
-    refine: Literal["auto", "always", "never"] = Field(
-        "auto",
-        description="Adjust cameras to the surface; auto keeps ready-made orientations as they "
-        "come (Pintus and Gobbetti 2015).",
-    )
-    patch_rounds: int = Field(
-        2,
-        ge=0,
-        le=10,
-        description="How often patches are followed over the surface to adjust by; 0 keeps to "
-        "features (Furukawa and Ponce 2009).",
-    )
-    patches_per_photo: int = Field(
-        8000, ge=100, le=50_000, description="Patches looked for in each photograph."
-    )
-    memory_pixels: int = Field(
-        400_000_000,
-        ge=1_000_000,
-        description="Pixels of all photographs held at once for patches, some five bytes each; "
-        "larger photographs are reduced alike.",
-    )
 
 
 def needed(scene: Scene, options: OrientOptions) -> Need:
@@ -84,7 +39,9 @@ def needed(scene: Scene, options: OrientOptions) -> Need:
     surface = scene.scans or scene.geometry
     source = "as they were oriented elsewhere" if scene.cameras else "to be oriented"
     onto = "" if surface and options.align == "auto" else ", in a frame of their own"
-    return Need(True, f"{scene.photos} photographs {source}{onto}")
+    # A surface that is made of the photographs is made once they are oriented.
+    without = frozenset(("surface",)) if onto else frozenset()
+    return Need(True, f"{scene.photos} photographs {source}{onto}", without)
 
 
 def estimate(scene: Scene, options: OrientOptions) -> Estimate:
@@ -113,6 +70,11 @@ def run(job: Job[OrientOptions]) -> StageResult:
         "unplaced": unplaced,
     }
     alignment = None
+    if job.scene.shape_from_photos:
+        model, scale = in_own_scale(job, model, photos, picks)
+        told |= {"frame": "world", "way": "photographs", "scale": scale.told}
+        warnings += scale.warnings
+        metrics += scale.metrics
     if surface is not None:
         found = _aligned(job, model, surface, photos, picks)
         if isinstance(found, NotAligned):
@@ -329,7 +291,7 @@ def _write_colmap(job: Job[OrientOptions], model: ColmapModel) -> None:
 
 ORIENT = Stage(
     name="orient",
-    version=2,
+    version=3,
     summary="Finds where photographs were taken from, and adjusts them to the surface.",
     options=OrientOptions,
     reads=(

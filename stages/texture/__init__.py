@@ -34,7 +34,7 @@ def needed(scene: Scene, options: TextureOptions) -> Need:
         return Need(False, "neither depth meshes nor a textured surface asked for")
     if not scene.photos:
         return Need(False, "no photographs")
-    if not (scene.scans or scene.geometry):
+    if not scene.has_surface:
         return Need(False, "no surface to texture: neither scans nor geometry")
     return Need(True, f"{scene.photos} photographs to texture the surface with")
 

@@ -17,6 +17,7 @@ from stages.verify.masks import masks_chapter
 from stages.verify.options import VerifyOptions
 from stages.verify.orientation import orientation_chapter
 from stages.verify.page import page_chapter
+from stages.verify.photographed import photographed_truth
 from stages.verify.stability import stability_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
 from stages.verify.sweep import sweep_chapter
@@ -54,7 +55,7 @@ _SAMPLES_COMPARED = 2_000_000
 
 
 def needed(scene: Scene, options: VerifyOptions) -> Need:
-    if not (scene.scans or scene.geometry):
+    if not scene.has_surface:
         return Need(False, "no surface to verify: neither scans nor geometry")
     against = " against the known truth" if scene.truth else ""
     against = against or (" against a reference surface" if scene.reference else "")
@@ -190,7 +191,9 @@ def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
     products = job.products
     registration = products.load_if_there("registration")
     found: dict[str, Any] = {"residuals": {}}
-    inventory = products.load_if_there("scan_inventory")
+    inventory = products.load_if_there("scan_inventory") or products.load_if_there(
+        "photo_range_inventory"
+    )
     # The order of the inventory is that of the overlap matrix and of the samples' owners.
     names = [entry["name"] for entry in inventory["scans"]] if inventory else []
     if registration is not None and len(registration["before_m"]):
@@ -254,6 +257,16 @@ def _known(job: Job[VerifyOptions], surface: TriangleMesh) -> _Known:
         flagged = infill_flagging(surface, truth, hits, spacing, samples=job.options.samples)
         metrics = (*poses.metrics(), *compared.metrics(), *flagged.metrics())
         return _Known(truth, compared, "simulated truth", metrics, model_from_local)
+    if job.scene.truth and job.scene.shape_from_photos:
+        found = photographed_truth(products, surface, job.options.samples)
+        if found:
+            return _Known(
+                found.truth,
+                found.comparison,
+                "simulated truth",
+                found.metrics,
+                found.model_from_local,
+            )
     paths = products.input_paths("reference_file")
     if not paths:
         return _Known()
@@ -348,6 +361,8 @@ VERIFY = Stage[Any](
         "depth_meshes",
         "labelled_surface",
         "range_maps",
+        "photo_range_inventory",
+        "photo_range_maps",
         "corrected_masks",
         "automatic_scan_masks",
         "automatic_photo_masks",

@@ -19,7 +19,11 @@ _MOST_CELLS = 2.0**62
 
 
 def placed_samples(
-    scan: OrientedScan, pose: Matrix4, color: NDArray[np.uint8] | None, owner: int
+    scan: OrientedScan,
+    pose: Matrix4,
+    color: NDArray[np.uint8] | None,
+    owner: int,
+    sigma_m: NDArray[np.float32] | None = None,
 ) -> Samples:
     """One scan's samples in the project frame.
 
@@ -28,13 +32,18 @@ def placed_samples(
     scan, pose : oriented scan and its ``project_from_scan``.
     color : (n, 3) uint8 sRGB of its samples, or None.
     owner : the scan's number.
+    sigma_m : (n,) standard deviation of each sample along its ray, where it is known.
     """
+    # Depth noise grows with obliqueness; a rim sample may straddle an edge.
+    confidence = np.where(scan.border, 0.5, 1.0) * scan.incidence_cos
+    if sigma_m is not None:
+        # One that is as unsure as samples are apart counts half.
+        confidence = confidence / (1.0 + (sigma_m / scan.spacing_m) ** 2)
     return Samples(
         apply(pose, scan.points),
         rotate(pose, scan.normals),
         scan.reach_m,
-        # Depth noise grows with obliqueness; a rim sample may straddle an edge.
-        np.where(scan.border, 0.5, 1.0) * scan.incidence_cos,
+        confidence,
         np.full(len(scan), owner, np.int32),
         color,
     )

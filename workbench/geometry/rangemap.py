@@ -23,6 +23,8 @@ class RangeMap:
     reflectance : (n,) float32 in the instrument's own units, or None.
     color : (n, 3) uint8, sRGB-encoded, or None.
     world_from_scan : 4×4 float64 coarse pose, or None when the file gave none.
+    sigma_m : (n,) float32 standard deviation along the line of sight, metres, or None where
+        nobody knows it.
     """
 
     name: str
@@ -32,6 +34,7 @@ class RangeMap:
     reflectance: NDArray[np.float32] | None = None
     color: NDArray[np.uint8] | None = None
     world_from_scan: NDArray[np.float64] | None = None
+    sigma_m: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.points_in_scan)
@@ -41,6 +44,8 @@ class RangeMap:
             raise ValueError(f"{self.name}: the grid points past the last sample")
         if self.reflectance is not None and self.reflectance.shape != (n,):
             raise ValueError(f"{self.name}: reflectance must be ({n},)")
+        if self.sigma_m is not None and self.sigma_m.shape != (n,):
+            raise ValueError(f"{self.name}: sigma_m must be ({n},)")
         if self.color is not None and self.color.shape != (n, 3):
             raise ValueError(f"{self.name}: color must be ({n}, 3)")
 
@@ -66,4 +71,5 @@ class RangeMap:
             grid=None if self.grid is None else new_index[self.grid],
             reflectance=None if self.reflectance is None else self.reflectance[keep],
             color=None if self.color is None else self.color[keep],
+            sigma_m=None if self.sigma_m is None else self.sigma_m[keep],
         )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from workbench.errors import InputError
 from workbench.pipeline.freshness import State, state_of
-from workbench.pipeline.stage import Stage
+from workbench.pipeline.stage import Need, Stage
 from workbench.project.project import Project
 from workbench.project.settings import (
     StageOptions,
@@ -30,7 +30,9 @@ class PlannedStage:
     stage, options : what would run, and how.
     action : ``run``, ``fresh``, ``stale`` or ``left out``.
     reason : why, in plain words.
-    absent : artefacts of the stages this scene leaves out.
+    absent : artefacts that are not there for the stage: those of stages this scene leaves out,
+        and those it has no place for.
+    without : the latter alone.
     state : how the stage stands now; None for one that is left out.
     """
 
@@ -40,11 +42,17 @@ class PlannedStage:
     reason: str
     absent: frozenset[str] = frozenset()
     state: State | None = None
+    without: frozenset[str] = frozenset()
 
     @property
     def runs(self) -> bool:
         """Whether there is work to do."""
         return self.action in ("run", "stale")
+
+    @property
+    def reads(self) -> frozenset[str]:
+        """The artefacts that the stage reads where there are any."""
+        return frozenset(self.stage.reads) - self.without
 
     def as_dict(self) -> dict[str, str]:
         """The line as plain data."""
@@ -63,7 +71,8 @@ def make_plan(
     """The plan of all stages as things lie now.
 
     A stage behind one that will run is planned as stale; should the stage before it give
-    the same bytes again, the run itself will find it fresh.
+    the same bytes again, the run itself will find it fresh. Stages stand in the order of the
+    pipeline, but behind those whose products this scene has them read.
     """
     options = checked_options(pipeline, project.settings(overrides))
     scene = project.scene()
@@ -73,20 +82,44 @@ def make_plan(
     )
     plan: list[PlannedStage] = []
     rebuilt: dict[str, str] = {}
-    for stage in pipeline:
+    for stage in in_working_order(pipeline, needs):
         own, need = options[stage.name], needs[stage.name]
         if not need.needed:
             plan.append(PlannedStage(stage, own, "left out", need.reason))
             continue
-        state = state_of(project, stage, own, absent)
+        missing = absent | need.without
+        state = state_of(project, stage, own, missing)
         action, reason = _action(state, need.reason)
-        behind = next((rebuilt[name] for name in stage.reads if name in rebuilt), None)
+        read = [name for name in stage.reads if name not in missing]
+        behind = next((rebuilt[name] for name in read if name in rebuilt), None)
         if action == "fresh" and behind:
             action, reason = "stale", f"waits for {behind}, which will run first"
-        plan.append(PlannedStage(stage, own, action, reason, absent, state))
+        plan.append(PlannedStage(stage, own, action, reason, missing, state, need.without))
         if action != "fresh":
             rebuilt |= dict.fromkeys(stage.writes, stage.name) | {"records": stage.name}
     return plan
+
+
+def in_working_order(pipeline: Pipeline, needs: Mapping[str, Need]) -> list[Stage[Any]]:
+    """The stages so that each comes after those whose products it reads in this scene.
+
+    Of those that could come next, the first of the pipeline does; one that is left out waits
+    for none, and none for it.
+    """
+    waiting, ordered = list(pipeline), []
+    while waiting:
+        made = {n for stage in waiting if needs[stage.name].needed for n in stage.writes}
+        ready = [
+            stage
+            for stage in waiting
+            if not needs[stage.name].needed
+            or made.isdisjoint(set(stage.reads) - needs[stage.name].without)
+        ]
+        if not ready:
+            raise ValueError(f"stages wait for each other: {[stage.name for stage in waiting]}")
+        waiting.remove(ready[0])
+        ordered.append(ready[0])
+    return ordered
 
 
 def selected(
@@ -121,11 +154,11 @@ def selected(
 def needed_for(plan: list[PlannedStage], target: str) -> list[PlannedStage]:
     """The stage ``target`` and all whose products it needs, in the plan's order."""
     chosen = selected(plan, only=target)
-    wanted = set(chosen[0].stage.reads)
+    wanted = set(chosen[0].reads)
     for planned in reversed(plan[: plan.index(chosen[0])]):
         if wanted & set(planned.stage.writes):
             chosen.insert(0, planned)
-            wanted |= set(planned.stage.reads)
+            wanted |= planned.reads
     return chosen
 
 

@@ -253,7 +253,7 @@ def _check_what_is_not_run(
     for earlier in plan:
         if earlier.stage.name in names or earlier.action in ("left out", "fresh"):
             continue
-        taken = [p for p in working if set(p.stage.reads) & set(earlier.stage.writes)]
+        taken = [p for p in working if p.reads & set(earlier.stage.writes)]
         if not taken:
             continue
         stage, first = earlier.stage.name, taken[0].stage

@@ -25,10 +25,15 @@ OptionsT = TypeVar("OptionsT", bound=StageOptions)
 
 @dataclass(frozen=True)
 class Need:
-    """Whether a scene needs a stage, and why, in words for people."""
+    """Whether a scene needs a stage, and why, in words for people.
+
+    ``without`` names artefacts the stage declares that it reads and that this scene has no
+    place for: they are absent to it, and it waits for none of them.
+    """
 
     needed: bool
     reason: str
+    without: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)

@@ -121,6 +121,33 @@ _TABLE = (
     Artefact("oriented_images", "work/orient/colmap/images.txt", "file", "COLMAP: photographs"),
     Artefact("oriented_points", "work/orient/colmap/points3D.txt", "file", "COLMAP: the points"),
     Artefact(
+        "stereo_views", "work/densify/views/{item}.npz", "arrays", "photographs without distortion"
+    ),
+    Artefact(
+        "depth_estimates",
+        "work/densify/estimates/{item}.npz",
+        "arrays",
+        "planes that each photograph's pixels show",
+    ),
+    Artefact(
+        "better_estimates",
+        "work/densify/better/{item}.npz",
+        "arrays",
+        "the same once they know of each other",
+    ),
+    Artefact(
+        "photo_range_maps",
+        "work/densify/range_maps/{item}.npz",
+        "range-map",
+        "depth maps that photographs agree on",
+    ),
+    Artefact(
+        "photo_range_inventory",
+        "work/densify/range_maps.json",
+        "json",
+        "every depth map and what it holds",
+    ),
+    Artefact(
         "photo_observations",
         "work/color/seen/{item}.npz",
         "arrays",

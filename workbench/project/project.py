@@ -30,6 +30,7 @@ PROJECT_FILE = "project.toml"
 CALIBRATION_FOLDER = "calibration"
 ALIGNMENT_FILE = "alignment.toml"
 SCHEMA = 1
+_FEWEST_PHOTOS = 3
 _USER_MASKS: Mapping[str, Role] = {"training_masks": "training", "corrected_masks": "corrected"}
 PHOTO_SUFFIXES = frozenset(
     (
@@ -82,6 +83,16 @@ class Scene:
     corrected_masks: int = 0
     reflectance_populations: int | None = None
     calibration: int = 0
+
+    @property
+    def shape_from_photos(self) -> bool:
+        """Whether the surface comes of photographs alone: three or more, and nothing else."""
+        return self.photos >= _FEWEST_PHOTOS and not (self.scans or self.geometry)
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether a surface was brought or can be made."""
+        return bool(self.scans or self.geometry or self.shape_from_photos)
 
 
 class Project:

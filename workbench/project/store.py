@@ -35,6 +35,7 @@ _RANGE_MAP_FIELDS = (
     "reflectance",
     "color",
     "world_from_scan",
+    "sigma_m",
 )
 
 

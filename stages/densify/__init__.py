@@ -1,0 +1,252 @@
+"""Depth maps from photographs alone, as range maps that everything after takes for scans."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stages.densify.items import better_estimate, estimate_depth, make_range_map, make_view
+from stages.densify.options import DensifyOptions
+from workbench.errors import InputError
+from workbench.metrics import Metric
+from workbench.pipeline.knobs import Knob
+from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
+from workbench.project.mask_subjects import photos_by_name
+from workbench.project.project import Scene
+
+if TYPE_CHECKING:
+    from workbench.geometry.photo_camera import PhotoCamera
+
+# A view, its estimate and what the search holds, bytes a pixel; one per neighbour besides.
+_OWN_BYTES, _NEIGHBOUR_BYTES, _STORED_BYTES = 120, 60, 60
+
+
+def needed(scene: Scene, options: DensifyOptions) -> Need:
+    if scene.geometry:
+        return Need(False, "the surface was made elsewhere")
+    if scene.scans:
+        return Need(False, "the scans tell the surface")
+    if not scene.has_surface:
+        return Need(False, "fewer than three photographs")
+    return Need(True, f"the shape from {scene.photos} photographs")
+
+
+def estimate(scene: Scene, options: DensifyOptions) -> Estimate:
+    pixels = options.image_px**2
+    return Estimate(
+        2**29 + pixels * (_OWN_BYTES + _NEIGHBOUR_BYTES * options.neighbours),
+        2**24 + scene.photos * pixels * _STORED_BYTES,
+    )
+
+
+def run(job: Job[DensifyOptions]) -> StageResult:
+    from workbench.formats.colmap import read_colmap_text
+
+    products, options = job.products, job.options
+    model = read_colmap_text(Path(products.load("oriented_images")).parent)
+    cameras = model.photo_cameras()
+    if len(cameras) < 2:
+        raise InputError(
+            "Depth maps need two oriented photographs",
+            found=f"{len(cameras)}",
+            fix="photograph with more overlap, or bring an orientation with --cameras",
+        )
+    names = sorted(cameras)
+    views = _views(job, cameras, names)
+    pairs, spans = _chosen(model, cameras, views, options)
+    # What is compared with nothing has no depth map.
+    names = [name for name in names if pairs[name]]
+    pairs = {name: [other for other in pairs[name] if other in names] for name in names}
+    source, seconds = _estimates(job, names, pairs, spans)
+    maps = _range_maps(job, names, pairs, source)
+    told = {
+        "origin_m": products.load("photo_poses")["origin"],
+        "scans": [
+            maps[name] | {"neighbours": list(pairs[name]), "depths": list(spans[name])}
+            for name in names
+        ],
+    }
+    products.save("photo_range_inventory", told)
+    return _result(maps, views, seconds, sorted(cameras))
+
+
+def _views(
+    job: Job[DensifyOptions], cameras: Mapping[str, PhotoCamera], names: Sequence[str]
+) -> dict[str, dict[str, Any]]:
+    """Every photograph without distortion, stored; returns what each holds."""
+    products = job.products
+    photos = photos_by_name(products.input_paths("photo_files"))
+    masked = set(products.items("photo_masks"))
+    items = {}
+    for name in names:
+        camera = cameras[name]
+        items[name] = {
+            "name": name,
+            "path": str(photos[name]),
+            "content": products.input_hash(photos[name]),
+            "mask": products.content_hash("photo_masks", name) if name in masked else None,
+            "camera": {
+                "model": camera.model,
+                "size": [camera.width, camera.height],
+                "params": list(camera.params),
+                "camera_from_world": camera.camera_from_world.tolist(),
+            },
+            "image_px": job.options.image_px,
+        }
+    found = job.tasks.map_items("taking the lens out of photographs", make_view, items)
+    products.remove_items_except("stereo_views", set(names))
+    return found
+
+
+def _chosen(
+    model: Any,
+    cameras: Mapping[str, PhotoCamera],
+    views: Mapping[str, Mapping[str, Any]],
+    options: DensifyOptions,
+) -> tuple[dict[str, Sequence[str]], dict[str, tuple[float, float]]]:
+    """Neighbours and span of depths of every photograph."""
+    from workbench.stereo.choice import chosen_neighbours, depth_span, seen_points
+
+    points = seen_points(model, {name: view["share"] for name, view in views.items()})
+    pairs = chosen_neighbours(points, cameras, options.neighbours)
+    spans = {
+        name: depth_span(points, number, cameras[name])
+        for number, name in enumerate(points.names)
+        if pairs[name]
+    }
+    return dict(pairs), spans
+
+
+def _estimates(
+    job: Job[DensifyOptions],
+    names: Sequence[str],
+    pairs: Mapping[str, Sequence[str]],
+    spans: Mapping[str, tuple[float, float]],
+) -> tuple[str, list[float]]:
+    """Depth maps of all photographs; returns the artefact that holds them, and their seconds."""
+    products, options = job.products, job.options
+    settings = {
+        "levels": options.levels,
+        "first_rounds": options.first_rounds,
+        "rounds": options.rounds,
+        "half_px": options.patch_px // 2,
+    }
+    content = {name: products.content_hash("stereo_views", name) for name in names}
+    common: dict[str, dict[str, Any]] = {
+        name: {
+            "name": name,
+            "others": list(pairs[name]),
+            "span": list(spans[name]),
+            "settings": settings,
+            "seed": number,
+            "views": [content[one] for one in (name, *pairs[name])],
+        }
+        for number, name in enumerate(names)
+    }
+    found = job.tasks.map_items("depth maps", estimate_depth, common)
+    seconds = [found[name]["seconds"] for name in names]
+    products.remove_items_except("depth_estimates", set(names))
+    products.remove_items_except("better_estimates", set(names) if options.geometric else set())
+    if not options.geometric:
+        return "depth_estimates", seconds
+    known = {name: products.content_hash("depth_estimates", name) for name in names}
+    items = {
+        name: item
+        | {
+            "from": "depth_estimates",
+            "estimates": [known[one] for one in (name, *pairs[name])],
+            "seed": item["seed"] + len(names),
+        }
+        for name, item in common.items()
+    }
+    found = job.tasks.map_items("depth maps that know of each other", better_estimate, items)
+    more = [found[name]["seconds"] for name in names]
+    return "better_estimates", [one + two for one, two in zip(seconds, more, strict=True)]
+
+
+def _range_maps(
+    job: Job[DensifyOptions],
+    names: Sequence[str],
+    pairs: Mapping[str, Sequence[str]],
+    source: str,
+) -> dict[str, dict[str, Any]]:
+    """What depth maps agree on, stored as range maps; returns what each holds."""
+    products, options = job.products, job.options
+    known = {name: products.content_hash(source, name) for name in names}
+    items = {
+        name: {
+            "name": name,
+            "others": list(pairs[name]),
+            "from": source,
+            "estimates": [known[one] for one in (name, *pairs[name])],
+            "views": [products.content_hash("stereo_views", one) for one in (name, *pairs[name])],
+            "settings": {
+                "least_views": options.agreeing,
+                "most_px": options.agreement_px,
+                "most_cost": options.most_cost,
+            },
+        }
+        for name in names
+    }
+    found = job.tasks.map_items("where depth maps agree", make_range_map, items)
+    products.remove_items_except("photo_range_maps", set(names))
+    return found
+
+
+def _result(
+    maps: Mapping[str, Mapping[str, Any]],
+    views: Mapping[str, Mapping[str, Any]],
+    seconds: Sequence[float],
+    oriented: Sequence[str],
+) -> StageResult:
+    names = sorted(maps)
+    samples = sum(maps[name]["samples"] for name in names)
+    usable = sum(views[name]["usable"] for name in names)
+    if not samples:
+        raise InputError(
+            "No two photographs agree on any depth",
+            fix="photograph with more overlap and texture, or loosen densify.agreeing",
+        )
+    held = [maps[name] for name in names if maps[name]["samples"]]
+    warnings = [f"{name}: compared with nothing" for name in oriented if name not in names]
+    warnings += [f"{n}: no depth was agreed on" for n in names if not maps[n]["samples"]]
+    metrics = (
+        Metric("depth_maps", len(held), "", f"Photographs with a depth map, of {len(oriented)}."),
+        Metric("samples", samples, "", "Depths that photographs agree on."),
+        Metric("agreed", 100.0 * samples / max(usable, 1), "%",
+               "Their share of the pixels that show the object."),
+        Metric("agreeing_views", float(np.mean([m["mean_views"] for m in held])), "",
+               "Other photographs that agree on a depth, mean."),
+        Metric("depth_sigma", float(np.median([m["sigma_m"] for m in held])), "m",
+               "Standard deviation of a depth along its ray, median."),
+        Metric("matching_seconds", float(np.median(seconds)), "s",
+               "Time of one core per depth map, median."),
+    )  # fmt: skip
+    return StageResult(metrics, tuple(warnings))
+
+
+DENSIFY = Stage(
+    name="densify",
+    version=1,
+    summary="Depth maps by PatchMatch stereo from photographs alone, as range maps.",
+    options=DensifyOptions,
+    reads=("photo_files", "photo_masks", "photo_poses", "oriented_images"),
+    writes=(
+        *("stereo_views", "depth_estimates", "better_estimates"),
+        *("photo_range_maps", "photo_range_inventory"),
+    ),
+    needed=needed,
+    run=run,
+    libraries=("numpy", "numba", "opencv-contrib-python-headless", "pycolmap", "rawpy"),
+    estimate=estimate,
+    knobs=(
+        Knob("image_px", (400, 800, 1600), quick=(400,)),
+        Knob("neighbours", (2, 3, 5, 8), quick=(3,)),
+        Knob("rounds", (0, 1, 2, 4), quick=(1,)),
+        Knob("geometric", (False, True), quick=(False,)),
+        Knob("patch_px", (5, 9, 13), quick=()),
+    ),
+)

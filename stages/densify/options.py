@@ -1,0 +1,47 @@
+"""Options of ``densify``."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from workbench.project.settings import StageOptions
+
+
+class DensifyOptions(StageOptions):
+    """Options of ``densify``."""
+
+    image_px: int = Field(
+        1600,
+        ge=100,
+        le=20_000,
+        description="Longer side at which photographs are compared; larger ones are reduced.",
+    )
+    neighbours: int = Field(
+        5, ge=1, le=16, description="Other photographs that each is compared with."
+    )
+    levels: int = Field(
+        3, ge=1, le=8, description="Sizes from coarse to fine, each twice the one before."
+    )
+    first_rounds: int = Field(
+        6, ge=1, le=50, description="Rounds of propagation at the coarsest size, from chance."
+    )
+    rounds: int = Field(2, ge=0, le=20, description="Rounds at every finer size.")
+    patch_px: int = Field(
+        9, ge=3, le=41, description="Side of the patches compared; every second pixel counts."
+    )
+    geometric: bool = Field(
+        True,
+        description="Better depth maps by those of the neighbours (Xu and Tao 2019, 4.2).",
+    )
+    agreeing: int = Field(
+        2, ge=1, le=16, description="Other photographs that must agree on a depth at least."
+    )
+    agreement_px: float = Field(
+        1.0,
+        gt=0.0,
+        le=20.0,
+        description="Depth maps agree that lead back to within so many pixels.",
+    )
+    most_cost: float = Field(
+        0.6, gt=0.0, le=2.0, description="Depths whose 1 − NCC is above this are not believed."
+    )

@@ -1,0 +1,1 @@
+"""Depth maps from oriented photographs: PatchMatch stereo, and where depth maps agree."""
