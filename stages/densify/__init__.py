@@ -62,10 +62,17 @@ def run(job: Job[DensifyOptions]) -> StageResult:
     pairs = {name: [other for other in pairs[name] if other in names] for name in names}
     source, seconds = _estimates(job, names, pairs, spans)
     maps = _range_maps(job, names, pairs, source)
+    poses = products.load("photo_poses")
     told = {
-        "origin_m": products.load("photo_poses")["origin"],
+        "origin_m": poses["origin"],
+        "scaled": poses["scale"]["way"] != "none",
         "scans": [
-            maps[name] | {"neighbours": list(pairs[name]), "depths": list(spans[name])}
+            maps[name]
+            | {
+                "usable": views[name]["usable"],
+                "neighbours": list(pairs[name]),
+                "depths": list(spans[name]),
+            }
             for name in names
         ],
     }

@@ -17,7 +17,7 @@ from stages.verify.masks import masks_chapter
 from stages.verify.options import VerifyOptions
 from stages.verify.orientation import orientation_chapter
 from stages.verify.page import page_chapter
-from stages.verify.photographed import photographed_truth
+from stages.verify.photographed import depths_chapter, photographed_truth
 from stages.verify.stability import stability_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
 from stages.verify.sweep import sweep_chapter
@@ -86,6 +86,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
     metrics += found
     cameras, found = orientation_chapter(products, surface, known.model_from_local)
     metrics += found
+    depths = depths_chapter(products)
     colors, found = _colors(job, surface, known)
     metrics += found
     with job.progress.step("texture"):
@@ -124,6 +125,7 @@ def run(job: Job[VerifyOptions]) -> StageResult:
                 *development_chapter(products),
                 *masks,
                 *cameras,
+                *depths,
                 *colors,
                 *texture,
                 *voxels,

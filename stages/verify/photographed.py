@@ -21,10 +21,12 @@ from workbench.pipeline.stage import Products
 
 if TYPE_CHECKING:
     from workbench.geometry.photo_camera import PhotoCamera
+    from workbench.verification.report_content import Section
     from workbench.verification.truth import TruthComparison
 
 # Pixels that are asked for what they show, on either side; and shares of the truth's diagonal.
 _STEP_PX = 4
+_SHOWN = 4
 _THRESHOLDS = (1e-3, 2e-3)
 
 
@@ -45,6 +47,22 @@ class PhotographedTruth:
     comparison: TruthComparison
     metrics: tuple[Metric, ...]
     model_from_local: Matrix4 | None
+
+
+def depths_chapter(products: Products) -> tuple[Section, ...]:
+    """The section on depth maps, where photographs alone tell the shape."""
+    from workbench.verification.depth_sections import ShownDepths, depth_section
+    from workbench.verification.photo_sections import evenly_chosen
+
+    inventory = products.load_if_there("photo_range_inventory")
+    if inventory is None:
+        return ()
+    names = [one["name"] for one in inventory["scans"] if one["samples"]]
+    shown = [
+        ShownDepths(name, products.load("photo_range_maps", name))
+        for name in evenly_chosen(names, _SHOWN)
+    ]
+    return (depth_section(inventory, shown),)
 
 
 def photographed_truth(

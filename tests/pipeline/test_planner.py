@@ -7,9 +7,11 @@ from fake_pipeline import PIPELINE, fake_project, with_stage
 
 from workbench.errors import InputError, SettingsError
 from workbench.pipeline import freshness
-from workbench.pipeline.planner import make_plan, needed_for, selected
+from workbench.pipeline.planner import in_working_order, make_plan, needed_for, selected
+from workbench.pipeline.stage import Need, Stage, StageResult
 from workbench.project import artefacts
 from workbench.project.project import Project
+from workbench.project.settings import StageOptions
 
 ALL = ["ingest", "fuse", "export", "verify"]
 
@@ -174,6 +176,32 @@ def test_unknown_stages_and_options_are_refused_with_a_suggestion(project):
         assert wrong in caught.value.message
         assert caught.value.fix == f"did you mean {right!r}?"
         assert caught.value.exit_code == 2
+
+
+def test_a_stage_stands_behind_those_it_reads_in_this_scene():
+    def stage(name, reads, writes):
+        return Stage(
+            name=name, version=1, summary="", options=StageOptions, reads=reads, writes=writes,
+            needed=lambda scene, options: Need(True, ""), run=lambda job: StageResult(),
+        )  # fmt: skip
+
+    pipeline = (
+        stage("fuse", ("photo_range_maps",), ("samples",)),
+        stage("infill", ("samples",), ("surface",)),
+        stage("orient", ("surface",), ("photo_poses",)),
+        stage("densify", ("photo_poses",), ("photo_range_maps",)),
+    )
+
+    def order(**needs):
+        told = {one.name: needs.get(one.name, Need(True, "")) for one in pipeline}
+        return [one.name for one in in_working_order(pipeline, told)]
+
+    no = Need(False, "not wanted")
+    assert order(densify=no) == ["fuse", "infill", "orient", "densify"]
+    alone = Need(True, "", frozenset(("surface",)))
+    assert order(orient=alone) == ["orient", "densify", "fuse", "infill"]
+    with pytest.raises(ValueError, match="wait for each other"):
+        order()
 
 
 def test_stages_are_selected_by_name(project):

@@ -17,9 +17,11 @@ from workbench.geometry.transforms import inverse
 # gets worse below and above (Yao et al. 2018, equation 1, for wider baselines).
 _BEST_ANGLE, _BELOW, _ABOVE = 12.0, 5.0, 15.0
 _FEWEST_POINTS = 30
-_FIBONACCI = 2000
+_FIBONACCI = 700
 _FARTHEST_PERCENTILE = 1.0
 _MARGIN = 0.25
+# The object is no ball: its surface may be anywhere within, and a little past the ball's rim.
+_LAYERS, _PAST_THE_RIM = (0.2, 0.6, 1.0), -0.2
 # Beyond this the axes of the cameras meet nowhere in particular.
 _WORST_CONDITION = 1e4
 
@@ -129,9 +131,11 @@ def _ball(
     up = 1.0 - 2.0 * (np.arange(_FIBONACCI) + 0.5) / _FIBONACCI
     level = np.sqrt(1.0 - up**2)
     outward = np.column_stack([level * np.cos(turn), level * np.sin(turn), up])
-    points = middle + float(np.median(radii)) * outward
+    outward = np.repeat(outward, len(_LAYERS), axis=0)
+    layers = np.tile(_LAYERS, _FIBONACCI)[:, None]
+    points = middle + float(np.median(radii)) * layers * outward
     ways = _unit(centers[None] - points[:, None])
-    seen = (ways * outward[:, None]).sum(axis=2) > 0.3
+    seen = (ways * outward[:, None]).sum(axis=2) > _PAST_THE_RIM
     return SeenPoints(names, points, seen)
 
 

@@ -29,6 +29,14 @@ _WAYS = {
     "as given": "They were brought oriented, in the frame of the surface",
     "picks": "They were brought onto the surface by the places picked in alignment.toml",
     "shape": "They were brought onto the surface by its shape",
+    "photographs": "The surface is made of these photographs, in their own frame. ",
+}
+_SCALES = {
+    "none": "There is no scale: lengths are in a unit of the photographs’ own.",
+    "cameras as given": "Its scale is that of the cameras as they were given.",
+    "picks": "Its place and scale are those of the places picked in alignment.toml.",
+    "markers": "Its scale is that of coded markers.",
+    "cameras": "Its scale is that of known distances between cameras.",
 }
 
 
@@ -98,6 +106,8 @@ def _in_words(poses: Mapping[str, Any]) -> str:
     if poses["frame"] != "world":
         return text + "They lie in a frame and a scale of their own, not in that of the surface."
     text += _WAYS[poses["way"]]
+    if poses["way"] == "photographs":
+        return text + _SCALES[poses["scale"]["way"]]
     sure = any("center_sigma_m" in entry for entry in poses["photos"].values())
     text += (
         ", and adjusted to it together with the lenses: points that photographs share are held "

@@ -1,0 +1,112 @@
+"""Projects of photographs alone: a painted ball becomes a surface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from stages.main import PIPELINE
+from tests.stages.conftest import metrics_of
+from tests.stereo.scenes import ball, seen
+from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel, write_colmap_text
+from workbench.pipeline.planner import make_plan
+from workbench.pipeline.progress import Progress
+from workbench.pipeline.runner import RunRequest, run_pipeline
+from workbench.project.creation import create_project
+from workbench.project.project import Project
+
+SIZE, FOCAL, COUNT = (200, 200), 330.0, 14
+SETTINGS: dict[str, Any] = {"densify": {"neighbours": 3, "levels": 2, "rounds": 1}}
+
+
+@pytest.fixture(scope="module")
+def photographed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ball of radius 1, from all round at two heights, with cameras and no scale told."""
+    folder = tmp_path_factory.mktemp("ball")
+    (folder / "photos").mkdir()
+    (folder / "masks" / "corrected").mkdir(parents=True)
+    lens = ColmapCamera(1, "SIMPLE_PINHOLE", *SIZE, (FOCAL, 0.5 * SIZE[0], 0.5 * SIZE[1]))
+    images = {}
+    for k in range(COUNT):
+        turn = 2.0 * np.pi * k / COUNT
+        place = (5.0 * np.cos(turn), 1.5 * (-1) ** k, 5.0 * np.sin(turn))
+        view, _ = seen(ball, place, SIZE, FOCAL)
+        name = f"photo_{k:02d}"
+        cv2.imwrite(str(folder / "photos" / f"{name}.png"), view.grey.clip(0, 255).astype(np.uint8))
+        cv2.imwrite(
+            str(folder / "masks" / "corrected" / f"{name}.png"), 255 * view.usable.astype(np.uint8)
+        )
+        images[k + 1] = ColmapImage(k + 1, view.camera_from_world, 1, f"{name}.png")
+    write_colmap_text(folder / "cameras", ColmapModel({1: lens}, images))
+    project = create_project(
+        folder / "project", photos=[folder / "photos"], cameras=folder / "cameras"
+    ).root
+    (project / "masks").mkdir()
+    (folder / "masks" / "corrected").rename(project / "masks" / "corrected")
+    return project
+
+
+def run_to(project: Path, last: str, **options: Any) -> list[dict[str, Any]]:
+    overrides = SETTINGS | {"densify": SETTINGS["densify"] | options}
+    request = RunRequest(last=last, overrides=overrides, workers=1)
+    return run_pipeline(PIPELINE, Project(project), request, Progress(quiet=True))
+
+
+def test_the_plan_orients_before_it_makes_the_surface(photographed: Path) -> None:
+    plan = make_plan(PIPELINE, Project(photographed))
+    wanted = [one.stage.name for one in plan if one.action != "left out"]
+    assert wanted == [
+        *("develop", "mask", "orient", "densify", "fuse", "infill"),
+        *("color", "texture", "export", "verify"),
+    ]
+    orient = next(one for one in plan if one.stage.name == "orient")
+    assert "surface" not in orient.reads
+
+
+def test_a_ball_of_photographs_alone(photographed: Path) -> None:
+    told = run_to(photographed, "infill")
+    assert {one["name"]: one["action"] for one in told}["densify"] == "run"
+    store = Project(photographed).store
+    mesh = store.load("surface")
+    measured = mesh.vertices[mesh.vertex_attributes["provenance"] == 0]
+    off = np.linalg.norm(measured, axis=1) - 1.0
+    # A pixel is 0.016 on the ball.
+    assert np.sqrt((off**2).mean()) < 0.01
+    assert len(measured) > 0.6 * len(mesh.vertices)
+    found = metrics_of(photographed, "densify")
+    assert found["depth_maps"] == COUNT
+    assert found["agreed"] > 60.0
+    assert 0.0005 < found["depth_sigma"] < 0.02
+    inventory = store.load("photo_range_inventory")
+    assert [one["samples"] for one in inventory["scans"]] == [
+        len(store.load("photo_range_maps", one["name"])) for one in inventory["scans"]
+    ]
+    for one in inventory["scans"]:
+        number = int(one["name"][-2:])
+        # Neighbours in the ring, the same height or the other.
+        apart = [abs(int(other[-2:]) - number) for other in one["neighbours"]]
+        assert all(min(steps, COUNT - steps) <= 2 for steps in apart)
+
+    again = run_to(photographed, "infill")
+    assert {one["name"]: one["action"] for one in again}["densify"] == "fresh"
+    stricter = run_to(photographed, "densify", agreeing=3, geometric=False)
+    assert stricter[-1]["action"] == "run"
+    assert metrics_of(photographed, "densify")["agreed"] < found["agreed"]
+    assert not store.items("better_estimates")
+
+
+def test_with_scans_depth_maps_are_left_out(tmp_path: Path, photographed: Path) -> None:
+    points = np.random.default_rng(0).normal(size=(200, 3))
+    np.savetxt(tmp_path / "scan.xyz", points)
+    project = create_project(
+        tmp_path / "p", scans=[tmp_path / "scan.xyz"], photos=[photographed.parent / "photos"]
+    )
+    plan = make_plan(PIPELINE, project)
+    names = [one.stage.name for one in plan]
+    assert names == [stage.name for stage in PIPELINE]
+    densify = next(one for one in plan if one.stage.name == "densify")
+    assert (densify.action, densify.reason) == ("left out", "the scans tell the surface")

@@ -1,0 +1,96 @@
+"""What a report shows of the depth maps that photographs alone gave."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+from workbench.geometry.rangemap import RangeMap
+from workbench.verification.photo_sections import matted
+from workbench.verification.report_content import (
+    Block,
+    Column,
+    Paragraph,
+    Picture,
+    PictureRow,
+    Section,
+    Table,
+)
+
+_SIDE_PX = 420
+_NOTHING = 245
+
+
+@dataclass(frozen=True)
+class ShownDepths:
+    """A photograph's depth map, as it is shown."""
+
+    name: str
+    range_map: RangeMap
+
+
+def depth_section(inventory: Mapping[str, Any], shown: Sequence[ShownDepths]) -> Section:
+    """The chapter on depth maps.
+
+    Parameters
+    ----------
+    inventory : as the stage ``densify`` leaves it.
+    shown : some of the depth maps.
+    """
+    maps = inventory["scans"]
+    unit = "" if inventory["scaled"] else " (in the photographs’ own unit: no scale)"
+    blocks: list[Block] = [
+        Paragraph(
+            f"{len(maps)} photographs were compared with their neighbours, pixel by pixel. Kept is "
+            "what the depth maps of several photographs agree on; its deviation along the ray is "
+            f"what the photographs differ by, or what the match leaves open{unit}."
+        ),
+        Table(
+            (
+                Column("Photograph", style="code"),
+                Column("Depths", "", 0),
+                Column("Of the object", "%", 1),
+                Column("Others that agree", "", 1),
+                Column("Deviation", "mm" if inventory["scaled"] else "1/1000", 3),
+            ),
+            tuple(
+                (
+                    one["name"],
+                    one["samples"],
+                    100.0 * one["samples"] / max(one["usable"], 1),
+                    one["mean_views"],
+                    1e3 * one["sigma_m"],
+                )
+                for one in maps
+            ),
+        ),
+    ]
+    if shown:
+        drawn = matted([depth_picture(one.range_map) for one in shown])
+        pictures = tuple(
+            Picture(pixels, one.name, f"Depth map of {one.name}", True)
+            for pixels, one in zip(drawn, shown, strict=True)
+        )
+        told = "Depth from near (dark) to far (light); grey where photographs agree on none."
+        blocks.append(PictureRow(pictures, told))
+    return Section("Depth maps", "The shape as photographs alone tell it.", tuple(blocks))
+
+
+def depth_picture(scan: RangeMap) -> NDArray[np.uint8]:
+    """The depths of a range map, small, (h, w, 3) uint8: near is dark, holes are grey."""
+    assert scan.grid is not None
+    step = max(1, max(scan.grid.shape) // _SIDE_PX)
+    grid = scan.grid[::step, ::step]
+    picture = np.full((*grid.shape, 3), _NOTHING, np.uint8)
+    held = grid >= 0
+    if held.any():
+        depth = scan.points_in_scan[grid[held], 2]
+        near, far = np.percentile(depth, [1.0, 99.0])
+        level = np.clip((depth - near) / max(far - near, 1e-12), 0.0, 1.0)
+        picture[held] = 255.0 * matplotlib.colormaps["viridis"](level)[:, :3]
+    return picture
