@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stages.verify.frames import compared_poses, true_hits, users_origin
 from stages.verify.photo_errors import color_error, develop_error, mask_error, texture_error
+from stages.verify.photographed import photographed_places
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.neighbours import nearest, tree_of
 from workbench.geometry.transforms import Matrix4, apply, rigid
@@ -67,6 +68,20 @@ def fuse_error(products: Products, scene: Scene) -> MeasuredError | NotMeasured:
         return MeasuredError(float(apart.mean()), "m", told)
     told = "median distance of a left-out scan from the planes of the nearest samples of the others"
     return MeasuredError(float(np.median(apart)), "m", told)
+
+
+def densify_error(products: Products, scene: Scene) -> MeasuredError | NotMeasured:
+    """How far places that photographs show lie from the nearest depth that they agree on."""
+    places = photographed_places(products) if scene.truth else NotMeasured("no truth")
+    if isinstance(places, NotMeasured):
+        return places
+    points = []
+    for name in products.items("photo_range_maps"):
+        scan = products.load("photo_range_maps", name)
+        points.append(apply(scan.world_from_scan, scan.points_in_scan))
+    apart, _ = nearest(tree_of(np.concatenate(points)), _some(places, _PLACES))
+    told = "mean distance of true places that two photographs show from the nearest depth"
+    return MeasuredError(float(apart.mean()), "m", told)
 
 
 def infill_error(products: Products, scene: Scene) -> MeasuredError | NotMeasured:
@@ -153,6 +168,8 @@ def _model_from_local(products: Products) -> tuple[Matrix4, NDArray[np.float64]]
 
 def _places(products: Products, scene: Scene) -> NDArray[np.float64] | NotMeasured:
     """(k, 3) places of the object in the model's frame that the stage should come near."""
+    if scene.shape_from_photos:
+        return photographed_places(products) if scene.truth else NotMeasured("no truth")
     if scene.truth:
         hits = true_hits(products, bool(products.items("scan_masks")))
         return _some(apply(_model_from_local(products)[0], hits), _PLACES)
@@ -230,6 +247,7 @@ ERRORS: Mapping[str, ErrorMeasure] = {
     "develop": ErrorMeasure(develop_error),
     "mask": ErrorMeasure(mask_error),
     "register": ErrorMeasure(register_error),
+    "densify": ErrorMeasure(densify_error),
     "fuse": ErrorMeasure(fuse_error, leaves_out_scan=True),
     "infill": ErrorMeasure(infill_error, leaves_out_scan=True),
     "orient": ErrorMeasure(orient_error),

@@ -17,6 +17,7 @@ from workbench.geometry.neighbours import k_nearest, tree_of
 from workbench.geometry.similarity import NoSimilarity, Similarity, best_similarity
 from workbench.geometry.transforms import Matrix4, best_rigid, rigid
 from workbench.metrics import Metric
+from workbench.pipeline.knobs import NotMeasured
 from workbench.pipeline.stage import Products
 
 if TYPE_CHECKING:
@@ -65,6 +66,21 @@ def depths_chapter(products: Products) -> tuple[Section, ...]:
     return (depth_section(inventory, shown),)
 
 
+def photographed_places(products: Products) -> NDArray[np.float64] | NotMeasured:
+    """True places (n, 3) that two photographs show, in the frame of a model with a scale."""
+    from workbench.formats.colmap import read_colmap_text
+
+    if products.load_if_there("truth_cameras") is None:
+        return NotMeasured("no true cameras to bring the truth to the photographs by")
+    known = read_colmap_text(Path(products.load("truth_cameras")).parent).photo_cameras()
+    found = read_colmap_text(Path(products.load("oriented_images")).parent).photo_cameras()
+    brought = _brought(known, found, scaled=True) if _scaled(products) else None
+    if brought is None:
+        return NotMeasured("the photographs have no scale, or too few of them have a camera")
+    truth = _true_object(products)
+    return brought.apply(_photographed(products, truth, known))
+
+
 def photographed_truth(
     products: Products, surface: TriangleMesh, samples: int
 ) -> PhotographedTruth | None:
@@ -75,16 +91,13 @@ def photographed_truth(
     from workbench.formats.colmap import read_colmap_text
     from workbench.verification.truth import compare_to_truth
 
-    told = products.load("photo_poses")
     known = read_colmap_text(Path(products.load("truth_cameras")).parent).photo_cameras()
     found = read_colmap_text(Path(products.load("oriented_images")).parent).photo_cameras()
-    scaled = told.get("scale", {}).get("way", "none") != "none"
+    scaled = _scaled(products)
     model_from_world = _brought(known, found, scaled)
     if model_from_world is None:
         return None
-    arrays = products.load("truth_surface")
-    of_object = arrays["material"][arrays["triangles"][:, 0]] == OBJECT
-    in_world = TriangleMesh(arrays["vertices"] + arrays["origin"], arrays["triangles"][of_object])
+    in_world = _true_object(products)
     truth = replace(in_world, vertices=model_from_world.apply(in_world.vertices))
     scale = model_from_world.scale
     metres = replace(surface, vertices=surface.vertices / scale)
@@ -92,9 +105,22 @@ def photographed_truth(
         metres, replace(truth, vertices=truth.vertices / scale), samples=samples
     )
     seen = model_from_world.apply(_photographed(products, in_world, known)) / scale
-    matrix = model_from_world.matrix() @ rigid(np.eye(3), arrays["origin"])
+    origin = products.load("truth_surface", only=["origin"])["origin"]
+    matrix = model_from_world.matrix() @ rigid(np.eye(3), origin)
     metrics = (*comparison.metrics(), *_completeness(metres, seen))
     return PhotographedTruth(truth, comparison, metrics, matrix if scaled else None)
+
+
+def _scaled(products: Products) -> bool:
+    """Whether the photographs' model is in metres."""
+    return bool(products.load("photo_poses")["scale"]["way"] != "none")
+
+
+def _true_object(products: Products) -> TriangleMesh:
+    """The simulated object without its support, in the world of the truth."""
+    arrays = products.load("truth_surface")
+    of_object = arrays["material"][arrays["triangles"][:, 0]] == OBJECT
+    return TriangleMesh(arrays["vertices"] + arrays["origin"], arrays["triangles"][of_object])
 
 
 def _brought(

@@ -201,7 +201,8 @@ class _Driver:
 
     def _leaves_out(self, asked: Sequence[_Asked]) -> bool:
         """Whether the error of these is told by a scan that no stage has seen."""
-        if self.project.scene().truth:
+        scene = self.project.scene()
+        if scene.truth or not scene.scans:
             return False
         measures = {one.trial.measure for one in asked}
         judges = [stage.errors for stage in self.pipeline]
