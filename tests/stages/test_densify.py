@@ -19,7 +19,7 @@ from workbench.pipeline.runner import RunRequest, run_pipeline
 from workbench.project.creation import create_project
 from workbench.project.project import Project
 
-SIZE, FOCAL, COUNT = (200, 200), 330.0, 14
+SIZE, FOCAL, COUNT = (150, 150), 250.0, 12
 SETTINGS: dict[str, Any] = {"densify": {"neighbours": 3, "levels": 2, "rounds": 1}}
 
 
@@ -74,12 +74,12 @@ def test_a_ball_of_photographs_alone(photographed: Path) -> None:
     mesh = store.load("surface")
     measured = mesh.vertices[mesh.vertex_attributes["provenance"] == 0]
     off = np.linalg.norm(measured, axis=1) - 1.0
-    # A pixel is 0.016 on the ball.
-    assert np.sqrt((off**2).mean()) < 0.01
+    # A pixel is 0.021 on the ball.
+    assert np.sqrt((off**2).mean()) < 0.015
     assert len(measured) > 0.6 * len(mesh.vertices)
     found = metrics_of(photographed, "densify")
     assert found["depth_maps"] == COUNT
-    assert found["agreed"] > 60.0
+    assert found["agreed"] > 35.0
     assert 0.0005 < found["depth_sigma"] < 0.02
     inventory = store.load("photo_range_inventory")
     assert [one["samples"] for one in inventory["scans"]] == [
