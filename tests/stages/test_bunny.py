@@ -24,7 +24,8 @@ def test_every_stage_runs_and_the_second_run_does_nothing(bunny):
     project, first = bunny
     actions = {stage["name"]: stage["action"] for stage in first["stages"]}
     left_out = {
-        name: actions.pop(name) for name in ("develop", "mask", "orient", "color", "texture")
+        name: actions.pop(name)
+        for name in ("develop", "mask", "densify", "orient", "color", "texture")
     }
     assert set(left_out.values()) == {"left out"}
     assert set(actions.values()) == {"run"}

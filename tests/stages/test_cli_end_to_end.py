@@ -73,7 +73,7 @@ def contents(project: Path, *folders: str) -> dict[str, bytes]:
 
 
 # A plane without photographs has nothing to develop, mask, orient, colour or texture with.
-LEFT_OUT = {"develop", "mask", "orient", "color", "texture"}
+LEFT_OUT = {"develop", "mask", "densify", "orient", "color", "texture"}
 
 
 def actions_of(answer: dict) -> set[str]:

@@ -14,7 +14,7 @@ def test_the_example_becomes_a_closed_model_without_a_truth_to_look_at(tmp_path)
         EXAMPLE, project, ignore=shutil.ignore_patterns("work", "exports", "report", "truth")
     )
     plan = {stage["name"]: stage for stage in workbench("plan", project)["stages"]}
-    for name in ("develop", "mask", "orient", "color", "texture"):
+    for name in ("develop", "mask", "densify", "orient", "color", "texture"):
         assert plan.pop(name)["action"] == "left out"
     assert {stage["action"] for stage in plan.values()} == {"run"}
     assert "truth" not in plan["verify"]["reason"]
