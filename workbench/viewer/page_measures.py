@@ -170,7 +170,8 @@ class _Form:
         for number in np.linspace(0, len(self.views) - 1, _COMPARED).astype(int):
             view = self.views[number]
             tab.look_from(view)
-            tab.settled()
+            if not tab.settled():
+                tab.told.append("a picture was compared before it was finished")
             shown = tab.picture()
             rows.append(
                 {
