@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from workbench.pipeline.photo_surface import told_camera
 from workbench.pipeline.tasks import ItemProducts, Payload
 
 if TYPE_CHECKING:
@@ -18,19 +19,12 @@ if TYPE_CHECKING:
 def make_view(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     """One photograph without distortion; tells how much of it shows the object."""
     from workbench.formats.photo_reading import read_photo
-    from workbench.geometry.photo_camera import PhotoCamera
     from workbench.stereo.views import stereo_view
 
-    told, name = payload["camera"], payload["name"]
-    camera = PhotoCamera(
-        told["model"],
-        told["size"][0],
-        told["size"][1],
-        tuple(told["params"]),
-        np.array(told["camera_from_world"]),
-    )
+    name = payload["name"]
+    camera = told_camera(payload["camera"], payload["image_px"])
     mask = products.load("photo_masks", name) if payload["mask"] else None
-    view = stereo_view(read_photo(Path(payload["path"])), mask, camera, payload["image_px"])
+    view = stereo_view(read_photo(Path(payload["path"])), mask, camera)
     products.save("stereo_views", view.arrays(), name)
     rows, columns = np.flatnonzero(view.usable.any(axis=1)), np.flatnonzero(view.usable.any(axis=0))
     across = max((np.ptp(rows), np.ptp(columns))) if len(rows) else 0

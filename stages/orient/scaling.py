@@ -16,7 +16,6 @@ from workbench.pipeline.stage import Job
 
 if TYPE_CHECKING:
     from workbench.formats.colmap import ColmapModel
-    from workbench.geometry.similarity import Similarity
     from workbench.orientation.scale import NoScale, Scale
 
 _NO_SCALE = (
@@ -64,7 +63,7 @@ def in_own_scale(
         Metric("scale_distances", scale.told_by, "", "Known distances that tell the scale."),
         Metric("scale_spread", 100.0 * scale.spread, "%", "How far they scatter, robust sigma."),
     )
-    to_metres: Similarity = Similarity(scale.metres, np.eye(3), np.zeros(3))
+    to_metres = Similarity(scale.metres, np.eye(3), np.zeros(3))
     return transformed(model, to_metres), OwnScale(told, metrics=metrics)
 
 

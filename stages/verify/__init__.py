@@ -11,16 +11,18 @@ import numpy as np
 from stages.verify.color import color_chapter
 from stages.verify.development import development_chapter
 from stages.verify.errors import ERRORS
-from stages.verify.faults import fault_chapter
 from stages.verify.frames import OBJECT, compared_poses, true_hits
+from stages.verify.made_tables import (
+    fault_chapter,
+    page_chapter,
+    stability_chapter,
+    sweep_chapter,
+)
 from stages.verify.masks import masks_chapter
 from stages.verify.options import VerifyOptions
 from stages.verify.orientation import orientation_chapter
-from stages.verify.page import page_chapter
 from stages.verify.photographed import depths_chapter, photographed_truth
-from stages.verify.stability import stability_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
-from stages.verify.sweep import sweep_chapter
 from stages.verify.texturing import texture_chapter
 from stages.verify.voxels import voxel_chapter
 from workbench.errors import InputError

@@ -68,12 +68,9 @@ def depths_chapter(products: Products) -> tuple[Section, ...]:
 
 def photographed_places(products: Products) -> NDArray[np.float64] | NotMeasured:
     """True places (n, 3) that two photographs show, in the frame of a model with a scale."""
-    from workbench.formats.colmap import read_colmap_text
-
     if products.load_if_there("truth_cameras") is None:
         return NotMeasured("no true cameras to bring the truth to the photographs by")
-    known = read_colmap_text(Path(products.load("truth_cameras")).parent).photo_cameras()
-    found = read_colmap_text(Path(products.load("oriented_images")).parent).photo_cameras()
+    known, found = _cameras(products, "truth_cameras"), _cameras(products, "oriented_images")
     brought = _brought(known, found, scaled=True) if _scaled(products) else None
     if brought is None:
         return NotMeasured("the photographs have no scale, or too few of them have a camera")
@@ -88,11 +85,9 @@ def photographed_truth(
 
     Without a scale the truth's own is taken; None where no three cameras tell the place.
     """
-    from workbench.formats.colmap import read_colmap_text
     from workbench.verification.truth import compare_to_truth
 
-    known = read_colmap_text(Path(products.load("truth_cameras")).parent).photo_cameras()
-    found = read_colmap_text(Path(products.load("oriented_images")).parent).photo_cameras()
+    known, found = _cameras(products, "truth_cameras"), _cameras(products, "oriented_images")
     scaled = _scaled(products)
     model_from_world = _brought(known, found, scaled)
     if model_from_world is None:
@@ -109,6 +104,13 @@ def photographed_truth(
     matrix = model_from_world.matrix() @ rigid(np.eye(3), origin)
     metrics = (*comparison.metrics(), *_completeness(metres, seen))
     return PhotographedTruth(truth, comparison, metrics, matrix if scaled else None)
+
+
+def _cameras(products: Products, artefact: str) -> dict[str, PhotoCamera]:
+    """The oriented photographs of the COLMAP model that a file is of."""
+    from workbench.formats.colmap import read_colmap_text
+
+    return read_colmap_text(Path(products.load(artefact)).parent).photo_cameras()
 
 
 def _scaled(products: Products) -> bool:

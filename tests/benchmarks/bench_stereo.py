@@ -22,6 +22,7 @@ from workbench.formats.colmap import read_colmap_text
 from workbench.formats.mask_png import read_mask_png
 from workbench.formats.photo_reading import read_photo
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.photo_view import within
 from workbench.geometry.transforms import apply
 from workbench.stereo.agreement import AgreementSettings, agreed_range_map
 from workbench.stereo.choice import depth_span, seen_points
@@ -75,8 +76,7 @@ class Shots:
             stereo_view(
                 read_photo(next((self.project / "photos").glob(f"{name}.*"))),
                 read_mask_png(truth / "object" / f"{name}.png"),
-                cameras[name],
-                image_px,
+                within(cameras[name], image_px),
             )
             for name in names
         ]

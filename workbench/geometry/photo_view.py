@@ -159,6 +159,13 @@ def reduced_camera(camera: PhotoCamera, width: int, height: int) -> PhotoCamera:
     return PhotoCamera(camera.model, width, height, tuple(lens.params), camera.camera_from_world)
 
 
+def within(camera: PhotoCamera, long_side_px: int) -> PhotoCamera:
+    """The same camera with a picture whose longer side is at most so many pixels."""
+    share = min(1.0, long_side_px / max(camera.width, camera.height))
+    sides = (max(1, round(share * side)) for side in (camera.width, camera.height))
+    return reduced_camera(camera, *sides)
+
+
 def view_of_surface(
     rays: SurfaceRays, normals_in_world: NDArray[np.float64], camera: PhotoCamera
 ) -> PhotoView:

@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.colmap import ColmapModel
+from workbench.geometry.lines import place_nearest_to
 from workbench.geometry.similarity import Similarity, best_similarity
 
 _LEAST_PICKS = 3
+_WORST_CONDITION = 1e8
 _WORLD = "world"
 # No coordinate and no pixel is beyond this.
 _LARGEST = 1e15
@@ -104,17 +106,14 @@ def similarity_of_picks(model: ColmapModel, picks: tuple[Pick, ...]) -> PickedPl
         seen = [name for name in sorted(pick.pixels) if name in cameras]
         if len(seen) < 2:
             continue
-        # The place nearest to all rays.
-        system, right = np.zeros((3, 3)), np.zeros(3)
-        for name in seen:
-            ray = cameras[name].directions(pick.pixels[name][None])[0]
-            across = np.eye(3) - np.outer(ray, ray)
-            system += across
-            right += across @ cameras[name].center
-        if np.linalg.cond(system) > 1e8:
-            continue
-        ours.append(np.linalg.solve(system, right))
-        theirs.append(pick.world)
+        rays = [
+            (cameras[name].center, cameras[name].directions(pick.pixels[name][None])[0])
+            for name in seen
+        ]
+        place = place_nearest_to(rays, _WORST_CONDITION)
+        if place is not None:
+            ours.append(place)
+            theirs.append(pick.world)
     if len(ours) < _LEAST_PICKS:
         return NoPicks("fewer than three of the picked places show in two placed photographs")
     found = best_similarity(np.array(ours), np.array(theirs))

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.geometry.lines import place_nearest_to
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.transforms import apply
 
@@ -25,6 +26,7 @@ MARKER_DICTIONARIES = {
 # A corner that is seen so far from where the others put it is of another marker.
 _WORST_PX = 4.0
 _LEAST_ANGLE_DEG = 2.0
+_WORST_CONDITION = 1e8
 
 
 @dataclass(frozen=True)
@@ -135,14 +137,15 @@ def _intersection(
     ways = np.array([cameras[name].directions(pixels[name][None])[0] for name in cameras])
     if (ways @ ways.T).min() > np.cos(np.radians(_LEAST_ANGLE_DEG)):
         return None
-    across = np.eye(3) - ways[:, :, None] * ways[:, None, :]
-    place = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, centers))
+    place = place_nearest_to(zip(centers, ways, strict=True), _WORST_CONDITION)
+    if place is None:
+        return None
     for name, camera in cameras.items():
         if apply(camera.camera_from_world, place[None])[0, 2] <= 0.0:
             return None
         if np.linalg.norm(camera.project(place[None])[0][0] - pixels[name]) > _WORST_PX:
             return None
-    return np.asarray(place)
+    return place
 
 
 def _of_ratios(ratios: list[float], way: str) -> Scale | NoScale:

@@ -80,14 +80,13 @@ def told_camera(told: Mapping[str, Any], image_px: int) -> PhotoCamera:
     told : of ``photo_poses``: model, size, params and camera_from_world.
     """
     from workbench.geometry.photo_camera import PhotoCamera
-    from workbench.geometry.photo_view import reduced_camera
+    from workbench.geometry.photo_view import within
 
     width, height = told["size"]
     camera = PhotoCamera(
         told["model"], width, height, tuple(told["params"]), np.array(told["camera_from_world"])
     )
-    share = min(1.0, image_px / max(width, height))
-    return reduced_camera(camera, max(1, round(share * width)), max(1, round(share * height)))
+    return within(camera, image_px)
 
 
 def developed_picture(

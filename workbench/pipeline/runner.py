@@ -147,9 +147,10 @@ class _Run:
             "fingerprint": fingerprint(project, stage, options, planned.absent),
             "inputs": file_entries(project, read),
         }
-        estimate = _estimate(planned, project.scene())
+        scene = project.scene()
+        estimate = _estimate(planned, scene)
         if estimate is not None:
-            record["announced_memory_bytes"] = estimate.announced(self._processes(project.scene()))
+            record["announced_memory_bytes"] = estimate.announced(self._processes(scene))
         asked_by = record["run"] = folder.start()
         for name in stage.writes:
             project.store.remove_unfinished(name)
@@ -158,7 +159,7 @@ class _Run:
         meter = Meter()
         try:
             with meter:
-                result = self._result(planned, asked_by)
+                result = self._result(planned, scene, estimate, asked_by)
         except Exception as error:
             if isinstance(error, WorkbenchError):
                 error.stage = error.stage or stage.name
@@ -196,11 +197,11 @@ class _Run:
         )
         return outcome
 
-    def _result(self, planned: PlannedStage, asked_by: str) -> StageResult:
+    def _result(
+        self, planned: PlannedStage, scene: Scene, estimate: Estimate | None, asked_by: str
+    ) -> StageResult:
         project, stage, options = self.project, planned.stage, planned.options
         products = Products(project, stage.reads, stage.writes, planned.absent)
-        scene = project.scene()
-        estimate = _estimate(planned, scene)
         job = Job(
             products=products,
             options=options,

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.colmap import ColmapModel
+from workbench.geometry.lines import place_nearest_to
 from workbench.geometry.photo_camera import PhotoCamera
-from workbench.geometry.transforms import inverse
 
 # Degrees between the views of a point from which they are compared best, and how soon that
 # gets worse below and above (Yao et al. 2018, equation 1, for wider baselines).
@@ -55,8 +56,7 @@ def seen_points(model: ColmapModel, shares: Mapping[str, float]) -> SeenPoints:
         return _ball(names, cameras, shares)
     column = {name: k for k, name in enumerate(names)}
     of_image = {
-        number: column[image.name.rsplit(".", 1)[0].rsplit("/", 1)[-1]]
-        for number, image in model.images.items()
+        number: column[PurePosixPath(image.name).stem] for number, image in model.images.items()
     }
     points = np.array([point.xyz for point in model.points.values()])
     seen = np.zeros((len(points), len(names)), bool)
@@ -113,19 +113,17 @@ def _ball(
     """Points on and within a ball where the axes of the cameras meet."""
     centers = np.array([cameras[name].center for name in names])
     axes = np.array([cameras[name].camera_from_world[2, :3] for name in names])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    normal = across.sum(axis=0)
-    if np.linalg.cond(normal) > _WORST_CONDITION:
+    middle = place_nearest_to(zip(centers, axes, strict=True), _WORST_CONDITION)
+    if middle is None:
         raise InputError(
             "Nothing tells how far the object is from the cameras",
             found="cameras that look the same way, and came without points",
             fix="bring the orientation with its points, or leave out --cameras",
         )
-    middle = np.linalg.solve(normal, np.einsum("nij,nj->i", across, centers))
     radii = [
-        0.5 * shares[name] * min(camera.width, camera.height) / camera.params[0]
-        * float(inverse(camera.camera_from_world)[:3, 2] @ (middle - camera.center))
-        for name, camera in ((name, cameras[name]) for name in names)
+        0.5 * shares[name] * min(cameras[name].width, cameras[name].height)
+        / cameras[name].params[0] * float(axis @ (middle - center))
+        for name, axis, center in zip(names, axes, centers, strict=True)
     ]  # fmt: skip
     turn = np.arange(_FIBONACCI) * np.pi * (3.0 - np.sqrt(5.0))
     up = 1.0 - 2.0 * (np.arange(_FIBONACCI) + 0.5) / _FIBONACCI

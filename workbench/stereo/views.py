@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry.photo_camera import PhotoCamera
-from workbench.geometry.photo_view import reduced_camera
-from workbench.geometry.transforms import inverse, rotate
+from workbench.geometry.transforms import rotate
 
 _GREY_STEPS, _MOST_GREY = 256, 255.99
 
@@ -50,11 +49,6 @@ class StereoView:
         return cls(arrays["lens"], arrays["camera_from_world"], grey, arrays["usable"])
 
     @property
-    def center(self) -> NDArray[np.float64]:
-        """Where the camera stood, (3,) in the world."""
-        return np.asarray(inverse(self.camera_from_world)[:3, 3])
-
-    @property
     def matrix(self) -> NDArray[np.float64]:
         """(3, 3) pixels of directions in the camera's frame."""
         fx, fy, cx, cy = self.lens
@@ -67,15 +61,6 @@ class StereoView:
         points = rotate(self.camera_from_world, points_in_world) + self.camera_from_world[:3, 3]
         depth = np.where(points[:, 2] > 0.0, points[:, 2], np.nan)
         return points[:, :2] / depth[:, None] * self.lens[:2] + self.lens[2:], points[:, 2]
-
-    def shows(self, points_in_world: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(n,) whether points fall on usable pixels."""
-        pixels, depth = self.project(points_in_world)
-        height, width = self.usable.shape
-        inside = (depth > 0.0) & (pixels > -0.5).all(axis=1)
-        inside &= (pixels < [width - 0.5, height - 0.5]).all(axis=1)
-        column, row = np.where(inside[:, None], pixels, 0.0).round().astype(np.int64).T
-        return np.asarray(inside & self.usable[row, column])
 
     def halved(self) -> StereoView:
         """The same at half the size; a pixel is usable where all its four were."""
@@ -98,31 +83,25 @@ def stereo_view(
     picture: NDArray[np.uint8],
     mask: NDArray[np.uint8] | None,
     camera: PhotoCamera,
-    image_px: int,
 ) -> StereoView:
     """A photograph as a pinhole of the same focal length shows it.
 
     Parameters
     ----------
-    picture : (h, w, 3) uint8 sRGB.
-    mask : (h, w) uint8, 255 = keep; None keeps all.
-    camera : of the picture's size.
-    image_px : longer side of the view at most; larger pictures are reduced.
+    picture : (h, w, 3) uint8 sRGB, as large as the view or larger.
+    mask : (h, w) uint8 of the picture's size, 255 = keep; None keeps all.
+    camera : of the view's size.
     """
-    share = min(1.0, image_px / max(camera.width, camera.height))
-    small = reduced_camera(
-        camera, max(1, round(share * camera.width)), max(1, round(share * camera.height))
-    )
-    size = (small.width, small.height)
+    size = (camera.width, camera.height)
     reduced = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     grey = cv2.cvtColor(reduced, cv2.COLOR_RGB2GRAY)
     kept: Any = np.full(grey.shape, 255, np.uint8)
     if mask is not None:
         kept = cv2.resize(mask, size, interpolation=cv2.INTER_AREA)
-    fx = fy = small.params[0]
-    cx, cy = 0.5 * (small.width - 1), 0.5 * (small.height - 1)
+    fx = fy = camera.params[0]
+    cx, cy = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)
     lens = np.array([fx, fy, cx, cy])
-    maps = _places_in_picture(small, lens)
+    maps = _places_in_picture(camera, lens)
     grey = cv2.remap(grey, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     kept = cv2.remap(kept, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     return StereoView(

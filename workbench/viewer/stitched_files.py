@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.geometry.photo_camera import PhotoCamera
-from workbench.geometry.photo_view import reduced_camera
+from workbench.geometry.photo_view import within
 from workbench.pipeline.stitched_pictures import StitchedProject
 from workbench.project.project import Project
 from workbench.project.store import ProductStore
@@ -129,7 +129,7 @@ def write_stitched(
                 **_camera(camera, middle),
                 **_write_picture(folder, k, camera, pictures if k in used else None),
             }
-            for k, camera in enumerate(map(_small, cameras))
+            for k, camera in enumerate(within(camera, _LONGEST_PX) for camera in cameras)
         ],
     }
     (folder / TOLD).write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -170,12 +170,6 @@ def _write_meshes(
             )
             offset += len(block)
     return told
-
-
-def _small(camera: PhotoCamera) -> PhotoCamera:
-    """The camera of a picture that cards take."""
-    share = min(1.0, _LONGEST_PX / max(camera.width, camera.height))
-    return reduced_camera(camera, round(share * camera.width), round(share * camera.height))
 
 
 def _camera(camera: PhotoCamera, middle: NDArray[np.float64]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh, face_normals_and_areas
 from workbench.geometry.photo_camera import PhotoCamera
-from workbench.geometry.photo_view import reduced_camera
+from workbench.geometry.photo_view import within
 from workbench.kernels.stitch_passes import between_texels, corner_colors
 from workbench.render.stitch.scene import StitchScene
 from workbench.render.stitch.stitching import Fragments, StitchSettings, fragments, stitched
@@ -69,8 +69,7 @@ def photo_depth(
     scene: StitchScene, camera: PhotoCamera, long_side_px: int = _LONG_SIDE_PX
 ) -> PhotoDepth:
     """What a photograph sees of a scene, in a smaller picture: its camera and depths."""
-    scale = min(1.0, long_side_px / max(camera.width, camera.height))
-    small = reduced_camera(camera, round(camera.width * scale), round(camera.height * scale))
+    small = within(camera, long_side_px)
     return small, visibility(scene, small).depth
 
 
