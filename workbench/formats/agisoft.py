@@ -17,7 +17,6 @@ from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from workbench.errors import InputError
 from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel, checked_sides
@@ -197,6 +196,8 @@ def _as_colmap(
     if not (terms["k4"] or terms["b2"]):
         return "FULL_OPENCV", width, height, tuple(params.tolist())
     # The rational model follows r⁸; a skew it can only share out over the whole picture.
+    from scipy.optimize import least_squares
+
     rays = _grid(width, height, terms["f"])
     pixels = _imaged(rays, width, height, terms)
 

@@ -14,7 +14,6 @@ from workbench.formats.atomic import replacing
 from workbench.formats.gltf import srgb_from_linear, write_surface_glb
 from workbench.formats.ply import ListColumn, PlyElement, PlyFile, read_ply, write_ply
 from workbench.formats.scan_reading import eight_bit_color
-from workbench.formats.scene_file import read_scene
 from workbench.geometry.mesh import TriangleMesh
 
 __all__ = ["read_surface", "write_surface_glb", "write_surface_obj", "write_surface_ply"]
@@ -243,6 +242,9 @@ def _fans(corners: ListColumn, path: Path) -> NDArray[np.int32]:
 
 
 def _from_trimesh(path: Path, suffix: str) -> TriangleMesh:
+    # Here, for trimesh takes a while to load and most runs read no such file.
+    from workbench.formats.scene_file import read_scene
+
     scene = read_scene(path, pictures=False)
     try:
         parts = [_part(part, world_from_node, suffix) for part, world_from_node in scene.parts]

@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 _BLOCKS_ALONG_LONGER_SIDE = 36
 _LEAST_LEVEL = 0.02
@@ -139,6 +138,8 @@ def fitted_vignetting(
 
     def unexplained(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray((modelled(parameters) / frame.levels - 1.0).ravel())
+
+    from scipy.optimize import least_squares
 
     start = np.array([frame.levels.max(), -0.1, 0.0, 0.0, 0.0, 0.0])
     # Robust, for dust on the target.

@@ -11,7 +11,6 @@ from workbench.errors import InputError
 from workbench.formats.ply_layout import LONGEST_HEADER, parse_header
 from workbench.formats.point_files import POINT_SUFFIXES
 from workbench.formats.surface_files import SURFACE_SUFFIXES
-from workbench.formats.textured_surface import read_textured_surface
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.point_set import PointSet
 from workbench.geometry.surface_texture import SurfaceTexture
@@ -60,6 +59,8 @@ class ModelSource:
     @cached_property
     def surface(self) -> tuple[TriangleMesh, SurfaceTexture | None]:
         """As `read_textured_surface` gives it, with the same errors."""
+        from workbench.formats.textured_surface import read_textured_surface
+
         return read_textured_surface(self.path)
 
     @cached_property

@@ -14,7 +14,6 @@ from workbench.formats.glb_container import read_glb_description
 from workbench.formats.potree import METADATA
 from workbench.formats.potree_reading import PotreeCloud
 from workbench.formats.surface_files import read_surface
-from workbench.formats.textured_surface import read_textured_surface
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_view import reduced_camera
 from workbench.geometry.surface_texture import SurfaceTexture
@@ -210,6 +209,8 @@ def _exported(path: Path, names: tuple[str, ...], what: str, setting: str) -> Pa
 def _painted(path: Path) -> tuple[TriangleMesh, SurfaceTexture | None]:
     """A surface and its texture, in the user's coordinates."""
     file = _exported(path, ("textured_glb", *_SURFACES), "surface", "export.ply=true")
+    from workbench.formats.textured_surface import read_textured_surface
+
     mesh, texture = read_textured_surface(file)
     if texture is not None and file.suffix.lower() == ".glb":
         told = read_glb_description(file)
