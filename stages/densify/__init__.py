@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,12 +62,17 @@ def run(job: Job[DensifyOptions]) -> StageResult:
     # What is compared with nothing has no depth map.
     names = [name for name in names if pairs[name]]
     pairs = {name: [other for other in pairs[name] if other in names] for name in names}
-    source, seconds = _estimates(job, names, pairs, spans)
+    why_own = _why_own(options)
+    if why_own:
+        source, seconds = _estimates(job, names, pairs, spans)
+    else:
+        source, seconds = _estimates_of_colmap(job, names, pairs, spans)
     maps = _range_maps(job, names, pairs, source)
     poses = products.load("photo_poses")
     told = {
         "origin_m": poses["origin"],
         "scaled": poses["scale"]["way"] != "none",
+        "why_own_matcher": why_own,
         "scans": [
             maps[name]
             | {
@@ -127,6 +134,66 @@ def _chosen(
     return dict(pairs), spans
 
 
+def _why_own(options: DensifyOptions) -> str | None:
+    """Why COLMAP does not do the matching; None where it does."""
+    from workbench.stereo.colmap_stereo import why_not_colmap
+
+    if options.matcher == "own":
+        return "densify.matcher is own"
+    unable = why_not_colmap()
+    if unable and options.matcher == "colmap":
+        raise InputError(
+            "COLMAP cannot match here",
+            found=unable,
+            fix="a machine with an NVIDIA card and pycolmap-cuda12, or --set densify.matcher=own",
+        )
+    return unable
+
+
+def _matching(options: DensifyOptions) -> dict[str, Any]:
+    """The settings of matching, as items are given them."""
+    return {
+        "levels": options.levels,
+        "first_rounds": options.first_rounds,
+        "rounds": options.rounds,
+        "half_px": options.patch_px // 2,
+    }
+
+
+def _estimates_of_colmap(
+    job: Job[DensifyOptions],
+    names: Sequence[str],
+    pairs: Mapping[str, Sequence[str]],
+    spans: Mapping[str, tuple[float, float]],
+) -> tuple[str, list[float]]:
+    """Depth maps by COLMAP on a graphics card, judged as our own are; as `_estimates`."""
+    from workbench.stereo.colmap_stereo import colmap_planes
+    from workbench.stereo.matching import MatchingSettings, judged
+    from workbench.stereo.views import StereoView
+
+    products = job.products
+
+    def view(name: str) -> StereoView:
+        return StereoView.from_arrays(products.load("stereo_views", name))
+
+    settings = MatchingSettings(**_matching(job.options))
+    start = perf_counter()
+    with TemporaryDirectory(prefix="workbench-colmap-") as folder:
+        widest = (min(near for near, _ in spans.values()), max(far for _, far in spans.values()))
+        with job.progress.step("COLMAP's PatchMatch stereo"):
+            planes = colmap_planes(Path(folder), names, view, pairs, widest)
+        with job.progress.step("depth maps", len(names)) as step:
+            for name in names:
+                one = view(name)
+                others = [view(other) for other in pairs[name]]
+                found = judged(one, others, planes(name), spans[name], settings)
+                products.save("better_estimates", found.arrays(one.usable), name)
+                step.advance()
+    products.remove_items_except("depth_estimates", set())
+    products.remove_items_except("better_estimates", set(names))
+    return "better_estimates", [(perf_counter() - start) / len(names)] * len(names)
+
+
 def _estimates(
     job: Job[DensifyOptions],
     names: Sequence[str],
@@ -135,12 +202,7 @@ def _estimates(
 ) -> tuple[str, list[float]]:
     """Depth maps of all photographs; returns the artefact that holds them, and their seconds."""
     products, options = job.products, job.options
-    settings = {
-        "levels": options.levels,
-        "first_rounds": options.first_rounds,
-        "rounds": options.rounds,
-        "half_px": options.patch_px // 2,
-    }
+    settings = _matching(options)
     content = {name: products.content_hash("stereo_views", name) for name in names}
     common: dict[str, dict[str, Any]] = {
         name: {
@@ -230,7 +292,7 @@ def _result(
         Metric("depth_sigma", float(np.median([m["sigma_m"] for m in held])), "m",
                "Standard deviation of a depth along its ray, median."),
         Metric("matching_seconds", float(np.median(seconds)), "s",
-               "Time of one core per depth map, median."),
+               "Time of one core, or of the card, per depth map, median."),
     )  # fmt: skip
     return StageResult(metrics, tuple(warnings))
 

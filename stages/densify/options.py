@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from workbench.project.settings import StageOptions
@@ -15,6 +17,11 @@ class DensifyOptions(StageOptions):
         ge=100,
         le=20_000,
         description="Longer side at which photographs are compared; larger ones are reduced.",
+    )
+    matcher: Literal["auto", "own", "colmap"] = Field(
+        "auto",
+        description="Who compares: own, on the processor, the same bytes everywhere; colmap, on "
+        "an NVIDIA card (Schönberger et al. 2016); auto: colmap where it can.",
     )
     neighbours: int = Field(
         5, ge=1, le=16, description="Other photographs that each is compared with."

@@ -7,17 +7,21 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 
 from stages.main import PIPELINE
 from tests.stages.conftest import metrics_of
 from tests.stereo.scenes import ball, seen
+from workbench.errors import InputError
 from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel, write_colmap_text
+from workbench.geometry.transforms import apply
 from workbench.pipeline.planner import make_plan
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.runner import RunRequest, run_pipeline
 from workbench.project.creation import create_project
 from workbench.project.project import Project
+from workbench.stereo import colmap_stereo
 
 SIZE, FOCAL, COUNT = (150, 150), 250.0, 12
 SETTINGS: dict[str, Any] = {"densify": {"neighbours": 3, "levels": 2, "rounds": 1}}
@@ -97,6 +101,44 @@ def test_a_ball_of_photographs_alone(photographed: Path) -> None:
     assert stricter[-1]["action"] == "run"
     assert metrics_of(photographed, "densify")["agreed"] < found["agreed"]
     assert not store.items("better_estimates")
+
+
+def test_colmap_matches_where_there_is_a_card(
+    photographed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InputError, match="COLMAP cannot match here") as caught:
+        run_to(photographed, "densify", matcher="colmap")
+    assert "densify.matcher=own" in (caught.value.fix or "")
+
+    def match(folder: str, options: Any) -> None:
+        """A card that knows the ball."""
+        for image in pycolmap.Reconstruction(f"{folder}/sparse").images.values():
+            place = tuple(image.projection_center().tolist())
+            view, depth = seen(ball, place, SIZE, FOCAL)
+            rows, columns = np.indices(depth.shape)
+            met = np.isfinite(depth)
+            depth = np.where(met, depth, 0.0)
+            across = (columns - view.lens[2]) / FOCAL, (rows - view.lens[3]) / FOCAL
+            points = np.stack([*across, np.ones(depth.shape)]) * depth
+            normals = np.where(met, points - view.camera_from_world[:3, 3, None, None], 0.0)
+            for kind, values in (("depth_maps", depth[None]), ("normal_maps", normals)):
+                path = Path(folder) / "stereo" / kind / f"{image.name}.geometric.bin"
+                header = f"{SIZE[0]}&{SIZE[1]}&{len(values)}&".encode()
+                path.write_bytes(header + values.astype("<f4").tobytes())
+
+    monkeypatch.setattr(pycolmap, "has_cuda", True)
+    monkeypatch.setattr(pycolmap, "patch_match_stereo", match)
+    monkeypatch.setattr(colmap_stereo, "_CARDS", "/dev/nul[l]")
+    run_to(photographed, "densify", matcher="auto")
+    # Cameras 30° apart: not every place is seen by three.
+    assert metrics_of(photographed, "densify")["agreed"] > 45.0
+    store = Project(photographed).store
+    inventory = store.load("photo_range_inventory")
+    assert inventory["why_own_matcher"] is None
+    told = inventory["scans"][0]
+    scan = store.load("photo_range_maps", told["name"])
+    off = np.linalg.norm(apply(np.array(told["world_from_scan"]), scan.points_in_scan), axis=1)
+    assert np.median(np.abs(off - 1.0)) < 0.005
 
 
 def test_with_scans_depth_maps_are_left_out(tmp_path: Path, photographed: Path) -> None:

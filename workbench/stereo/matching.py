@@ -136,6 +136,22 @@ def agreed(
     return search.estimate(estimate.planes.copy(), 1, from_nothing=False)
 
 
+def judged(
+    view: StereoView,
+    others: Sequence[StereoView],
+    planes: NDArray[np.float32],
+    span: tuple[float, float],
+    settings: MatchingSettings,
+) -> DepthEstimate:
+    """Planes (h, w, 3) found elsewhere, 0 for none, with what they cost and how sure they are."""
+    found = _Search(view, others, span, settings, None, 0).estimate(
+        planes.copy(), 0, from_nothing=False
+    )
+    none = planes[..., 0] <= 0.0
+    found.cost[none], found.sigma[none] = WORST, np.inf
+    return found
+
+
 class _Search:
     """The search at one size."""
 

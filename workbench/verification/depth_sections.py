@@ -43,12 +43,18 @@ def depth_section(inventory: Mapping[str, Any], shown: Sequence[ShownDepths]) ->
     shown : some of the depth maps.
     """
     maps = inventory["scans"]
+    why_own = inventory.get("why_own_matcher")
+    matcher = (
+        f"Compared by PatchMatch on the processor; COLMAP’s was left out: {why_own}."
+        if why_own
+        else "Compared by COLMAP’s PatchMatch on a graphics card."
+    )
     unit = "" if inventory["scaled"] else " (in the photographs’ own unit: no scale)"
     blocks: list[Block] = [
         Paragraph(
             f"{len(maps)} photographs were compared with their neighbours, pixel by pixel. Kept is "
             "what the depth maps of several photographs agree on; its deviation along the ray is "
-            f"what the photographs differ by, or what the match leaves open{unit}."
+            f"what the photographs differ by, or what the match leaves open{unit}. {matcher}"
         ),
         Table(
             (
