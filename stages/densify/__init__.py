@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 # A view, its estimate and what the search holds, bytes a pixel; one per neighbour besides.
 _OWN_BYTES, _NEIGHBOUR_BYTES, _STORED_BYTES = 120, 60, 60
+# Patches of more pixels a side have samples enough without every other.
+_EVERY_PIXEL = 7
 
 
 def needed(scene: Scene, options: DensifyOptions) -> Need:
@@ -157,6 +159,7 @@ def _matching(options: DensifyOptions) -> dict[str, Any]:
         "first_rounds": options.first_rounds,
         "rounds": options.rounds,
         "half_px": options.patch_px // 2,
+        "stride_px": 1 if options.patch_px <= _EVERY_PIXEL else 2,
     }
 
 
@@ -256,6 +259,7 @@ def _range_maps(
                 "least_views": options.agreeing,
                 "most_px": options.agreement_px,
                 "most_cost": options.most_cost,
+                "speckle_px": options.speckle_px,
             },
         }
         for name in names
@@ -316,6 +320,6 @@ DENSIFY = Stage(
         Knob("neighbours", (2, 3, 5, 8), quick=(3,)),
         Knob("rounds", (0, 1, 2, 4), quick=(1,)),
         Knob("geometric", (False, True), quick=(False,)),
-        Knob("patch_px", (5, 9, 13), quick=()),
+        Knob("patch_px", (5, 7, 9, 13), quick=()),
     ),
 )

@@ -34,7 +34,10 @@ class DensifyOptions(StageOptions):
     )
     rounds: int = Field(2, ge=0, le=20, description="Rounds at every finer size.")
     patch_px: int = Field(
-        9, ge=3, le=41, description="Side of the patches compared; every second pixel counts."
+        7,
+        ge=3,
+        le=41,
+        description="Side of the patches compared; above 7 every second pixel of them counts.",
     )
     geometric: bool = Field(
         True,
@@ -51,4 +54,11 @@ class DensifyOptions(StageOptions):
     )
     most_cost: float = Field(
         0.6, gt=0.0, le=2.0, description="Depths whose 1 − NCC is above this are not believed."
+    )
+    speckle_px: int = Field(
+        100,
+        ge=0,
+        le=100_000,
+        description="Pieces of a depth map of no more pixels than this, apart from all around "
+        "them, are dropped.",
     )

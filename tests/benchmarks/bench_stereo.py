@@ -55,7 +55,8 @@ TRIALS = {
     "1 finer round": Trial(matching=replace(PLAIN, rounds=1)),
     "4 finer rounds": Trial(matching=replace(PLAIN, rounds=4)),
     "patches of 5 pixels": Trial(matching=replace(PLAIN, half_px=2)),
-    "patches of 13 pixels": Trial(matching=replace(PLAIN, half_px=6)),
+    "patches of 9 pixels, every second": Trial(matching=replace(PLAIN, half_px=4, stride_px=2)),
+    "patches of 13 pixels, every second": Trial(matching=replace(PLAIN, half_px=6, stride_px=2)),
     "one size": Trial(matching=replace(PLAIN, levels=1)),
     "photometric alone": Trial(geometric=False),
 }

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.stereo.scenes import Body, ball, paint, plane, seen
-from workbench.stereo.agreement import AgreementSettings, agreed_range_map
+from workbench.stereo.agreement import AgreementSettings, agreed_range_map, speckles
 from workbench.stereo.matching import DepthEstimate, MatchingSettings, agreed, matched
 from workbench.stereo.views import StereoView
 
@@ -58,7 +58,8 @@ def test_what_views_agree_on_is_on_the_body_and_knows_how_sure_it_is() -> None:
     assert len(scan) > 0.8 * views[0].usable.sum()
     assert np.sqrt((off**2).mean()) < 0.02
     assert np.percentile(off, 99) < 0.06
-    assert 0.3 < np.median(off / scan.sigma_m) < 2.0
+    # Pictures free of noise: most of the deviation is the floor that real ones need.
+    assert 0.1 < np.median(off / scan.sigma_m) < 1.0
     row, column = np.nonzero(scan.grid >= 0)
     pixels, _ = views[0].project(points[scan.grid[row, column]])
     np.testing.assert_allclose(pixels, np.column_stack([column, row]), atol=1e-6)
@@ -132,3 +133,21 @@ def test_the_texture_of_these_scenes_is_seen_by_pixels() -> None:
     points = np.zeros((400, 3))
     points[:, 0] = np.linspace(0.0, 4.0, 400)
     assert paint(points).std() > 20.0
+
+
+def test_small_pieces_apart_are_speckles_and_slopes_are_not():
+    steps = np.add.outer(np.arange(60.0) * 0.4, np.arange(80.0) * 0.7)
+    steps[10:14, 20:25] += 5.0  # 20 pixels in front
+    steps[30:40, 30:50] -= 8.0  # 200 pixels behind
+    steps[50:, :5] = np.nan
+    steps[55, 2] = 7.0
+    found = speckles(steps, 30)
+    expected = np.zeros(steps.shape, bool)
+    expected[10:14, 20:25] = True
+    expected[55, 2] = True
+    np.testing.assert_array_equal(found, expected)
+    assert not speckles(steps, 0).any()
+    assert speckles(steps, 250).sum() == 20 + 200 + 1
+    assert not speckles(np.full((4, 5), np.nan), 30).any()
+    # Depths that 16 bits do not hold in parts.
+    assert not speckles(np.array([[0.0, 1.0, 1e5, 1e5 + 1.0]]), 1)[0].any()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +14,9 @@ from workbench.geometry.transforms import inverse
 from workbench.kernels.depth_agreement import agreement
 from workbench.stereo.matching import DepthEstimate, pair_geometry, stacked
 from workbench.stereo.views import StereoView
+
+# A step is told apart in so many parts, as far as 16 bits go.
+_PARTS_OF_STEP, _MOST_PARTS = 16.0, 32767
 
 
 @dataclass(frozen=True)
@@ -25,14 +29,17 @@ class AgreementSettings:
     most_px : how far from the pixel another depth map may lead back to.
     most_share : by how much of the depth it may differ.
     most_cost : of the matching, 1 − NCC.
-    floor_px : deviation of a match that no fit goes below, pixels.
+    floor_px : deviation of a match that no fit goes below, pixels: edges, bends and the light
+        that walks with the camera move matches by so much, and no noise tells of it.
+    speckle_px : pieces of no more pixels, a pixel's worth of depth from all around, are dropped.
     """
 
     least_views: int = 2
     most_px: float = 1.0
     most_share: float = 0.01
     most_cost: float = 0.6
-    floor_px: float = 0.2
+    floor_px: float = 0.35
+    speckle_px: int = 100
 
 
 @dataclass(frozen=True)
@@ -77,6 +84,7 @@ def agreed_range_map(
         settings.most_share,
     )
     kept = views >= min(settings.least_views, len(others))
+    kept &= ~speckles(np.where(kept, nearness / estimate.pixel, np.nan), settings.speckle_px)
     grid = np.full(kept.shape, -1, np.int32)
     grid[kept] = np.arange(int(kept.sum()), dtype=np.int32)
     row, column = np.nonzero(kept)
@@ -92,6 +100,25 @@ def agreed_range_map(
         sigma_m=(deviation[kept] * depth**2).astype(np.float32),
     )
     return Agreement(found, np.where(np.isfinite(sigma), views, -1))
+
+
+def speckles(steps: NDArray[np.float64], most_px: int) -> NDArray[np.bool_]:
+    """Where a map (h, w) has pieces of no more than some pixels, that end all round in a step.
+
+    Parameters
+    ----------
+    steps : NaN for none; neighbours of one piece differ by 1 at most.
+    """
+    there = np.isfinite(steps)
+    if not there.any() or not most_px:
+        return np.zeros(steps.shape, bool)
+    low, high = float(steps[there].min()), float(steps[there].max())
+    parts = min(_PARTS_OF_STEP, (_MOST_PARTS - 1) / max(high - low, 1e-12))
+    whole = np.full(steps.shape, -1, np.int16)
+    whole[there] = ((steps[there] - low) * parts).astype(np.int16)
+    left = whole.copy()
+    cv2.filterSpeckles(left, -1, most_px, max(parts, 1.0))
+    return np.asarray(there & (left < 0))
 
 
 def _believed(

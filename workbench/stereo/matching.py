@@ -38,8 +38,8 @@ class MatchingSettings:
     levels: int = 3
     first_rounds: int = 6
     rounds: int = 2
-    half_px: int = 4
-    stride_px: int = 2
+    half_px: int = 3
+    stride_px: int = 1
     least_variance: float = 2.0
     geometry_weight: float = 0.1
 
