@@ -69,8 +69,8 @@ def needed(scene: Scene, options: FuseOptions) -> Need:
 
 
 def estimate(scene: Scene, options: FuseOptions) -> Estimate:
-    one = 20 * scene.scan_bytes // max(scene.scans, 1)
-    memory, disk = 20 * scene.scan_bytes + 2**28, 8 * scene.scan_bytes + 2**24
+    one = 20 * scene.shape_bytes // scene.shape_parts
+    memory, disk = 20 * scene.shape_bytes + 2**28, 8 * scene.shape_bytes + 2**24
     return Estimate(memory, disk, item_bytes=one)
 
 

@@ -93,8 +93,10 @@ def estimate(scene: Scene, options: InfillOptions) -> Estimate:
     depth = 10 if options.depth == "auto" else options.depth
     # A surface meets about 4^depth · 1.5 finest cells at most; the solver keeps some 600 bytes
     # for each, and no more cells are opened than there are samples to fill them.
-    samples = scene.scan_bytes / 16
-    cells = min(1.5 * 4**depth, 20.0 * samples)
+    samples = scene.shape_bytes / 16
+    # Depths of photographs scatter by more than a cell and open several layers of them.
+    layers = 4.5 if scene.shape_from_photos else 1.5
+    cells = min(layers * 4**depth, 20.0 * samples)
     at_once = min(cells, 20.0 * options.block_samples)
     memory = int(600 * at_once + 60 * samples) + 2**29
     # Blocks are solved side by side, where there are any.

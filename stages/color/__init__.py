@@ -36,14 +36,14 @@ def needed(scene: Scene, options: ColorOptions) -> Need:
     if not scene.photos:
         return Need(False, "no photographs")
     if not scene.has_surface:
-        return Need(False, "no surface to colour: neither scans nor geometry")
+        return Need(False, "no surface to colour: neither scans, geometry nor three photographs")
     return Need(True, f"{scene.photos} photographs to colour the surface with")
 
 
 def estimate(scene: Scene, options: ColorOptions) -> Estimate:
     # A photograph of 24 million pixels takes some 3 GiB of buffers, one per worker. Each
     # vertex is told by a quarter of the photographs at most, at 32 bytes each.
-    vertices = scene.scan_bytes // 16 + 2**16
+    vertices = scene.shape_bytes // 16 + 2**16
     photo = 3 * 2**30
     disk = 40 * vertices * max(1, scene.photos // 4)
     return Estimate(photo + 400 * vertices, disk, item_bytes=photo + 200 * vertices)

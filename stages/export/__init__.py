@@ -45,11 +45,13 @@ def needed(scene: Scene, options: ExportOptions) -> Need:
         return Need(False, "no format asked for")
     if scene.has_surface:
         return Need(True, "a surface to hand on")
-    return Need(False, "no surface: neither scans nor geometry")
+    return Need(False, "no surface: neither scans, geometry nor three photographs")
 
 
 def estimate(scene: Scene, options: ExportOptions) -> Estimate:
-    memory, disk = 6 * scene.scan_bytes + 2**28, 6 * scene.scan_bytes + 2**24
+    memory, disk = 6 * scene.shape_bytes + 2**28, 6 * scene.shape_bytes + 2**24
+    # The pages of the atlas, as pictures and as they are packed.
+    memory += 2**31 if scene.photos else 0
     if options.voxels != "none":
         voxels = _VOXELS_OF_SQUARE * options.voxel_resolution**2
         memory += 0 if options.voxels == "voxels" else _GRAPH_MEMORY * voxels

@@ -35,7 +35,7 @@ def needed(scene: Scene, options: TextureOptions) -> Need:
     if not scene.photos:
         return Need(False, "no photographs")
     if not scene.has_surface:
-        return Need(False, "no surface to texture: neither scans nor geometry")
+        return Need(False, "no surface to texture: neither scans, geometry nor three photographs")
     return Need(True, f"{scene.photos} photographs to texture the surface with")
 
 

@@ -58,7 +58,7 @@ _SAMPLES_COMPARED = 2_000_000
 
 def needed(scene: Scene, options: VerifyOptions) -> Need:
     if not scene.has_surface:
-        return Need(False, "no surface to verify: neither scans nor geometry")
+        return Need(False, "no surface to verify: neither scans, geometry nor three photographs")
     against = " against the known truth" if scene.truth else ""
     against = against or (" against a reference surface" if scene.reference else "")
     return Need(True, f"a report to write{against}")
@@ -67,7 +67,7 @@ def needed(scene: Scene, options: VerifyOptions) -> Need:
 def estimate(scene: Scene, options: VerifyOptions) -> Estimate:
     # The surface in its colours, and three blends of them, where there are photographs.
     per_byte = 25 if scene.photos else 10
-    return Estimate(per_byte * scene.scan_bytes + 2**29, 2**26)
+    return Estimate(per_byte * scene.shape_bytes + 2**29, 2**26)
 
 
 def run(job: Job[VerifyOptions]) -> StageResult:

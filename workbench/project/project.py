@@ -31,6 +31,8 @@ CALIBRATION_FOLDER = "calibration"
 ALIGNMENT_FILE = "alignment.toml"
 SCHEMA = 1
 _FEWEST_PHOTOS = 3
+# As a scan's file would take them: a quarter of the pixels of a picture 1600 wide, 16 bytes each.
+_DEPTH_MAP_BYTES = 7_000_000
 _USER_MASKS: Mapping[str, Role] = {"training_masks": "training", "corrected_masks": "corrected"}
 PHOTO_SUFFIXES = frozenset(
     (
@@ -88,6 +90,16 @@ class Scene:
     def shape_from_photos(self) -> bool:
         """Whether the surface comes of photographs alone: three or more, and nothing else."""
         return self.photos >= _FEWEST_PHOTOS and not (self.scans or self.geometry)
+
+    @property
+    def shape_bytes(self) -> int:
+        """Size of what tells the shape: the scans' files, or what depth maps would take."""
+        return self.photos * _DEPTH_MAP_BYTES if self.shape_from_photos else self.scan_bytes
+
+    @property
+    def shape_parts(self) -> int:
+        """How many scans, or depth maps, tell the shape; 1 at least."""
+        return max(self.photos if self.shape_from_photos else self.scans, 1)
 
     @property
     def has_surface(self) -> bool:

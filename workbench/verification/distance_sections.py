@@ -51,7 +51,7 @@ def fit_section(
         missing.append("No registration residuals were recorded.")
     if "samples_to_surface_m" in residuals:
         values = np.asarray(residuals["samples_to_surface_m"], float)
-        caption = "Distance of the scanner’s samples from the finished surface."
+        caption = "Distance of the samples from the finished surface."
         plots.append(
             _residual_plot("samples", {"samples": values}, "Distance to the surface", caption)
         )

@@ -86,7 +86,7 @@ def build_scan_report(
     residuals
         name → (k,) distances in metres; ``before_m`` and ``after_m`` are those
         between overlapping scans before and after registration, ``samples_to_surface_m``
-        those of the scanner’s samples from the surface.
+        those of the samples from the surface.
     overlap
         scan names and (n, n) shares of the row's scan that the column's scan saw too.
     samples_per_scan
@@ -171,7 +171,7 @@ def _summary_section(
             Card(
                 "Typical deviation",
                 shown_length(median, digits=2),
-                "Half of the scanner’s samples lie this close to the surface or closer."
+                "Half of the samples lie this close to the surface or closer."
                 if "samples_to_surface_m" in residuals
                 else "Half of the measured surface lies this close to a sample or closer.",
                 number=median,
@@ -288,7 +288,7 @@ def _model_section(
                 "bar-samples",
                 distance,
                 "Distance to the nearest samples",
-                "How far the surface lies from the scanner’s samples.",
+                "How far the surface lies from the samples it was made from.",
                 "infilled: nothing to compare with",
             )
         )
