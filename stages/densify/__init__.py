@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 # A view, its estimate and what the search holds, bytes a pixel; one per neighbour besides.
 _OWN_BYTES, _NEIGHBOUR_BYTES, _STORED_BYTES = 120, 60, 60
-# Patches of more pixels a side have samples enough without every other.
-_EVERY_PIXEL = 7
 
 
 def needed(scene: Scene, options: DensifyOptions) -> Need:
@@ -159,7 +157,6 @@ def _matching(options: DensifyOptions) -> dict[str, Any]:
         "first_rounds": options.first_rounds,
         "rounds": options.rounds,
         "half_px": options.patch_px // 2,
-        "stride_px": 1 if options.patch_px <= _EVERY_PIXEL else 2,
     }
 
 
@@ -213,6 +210,7 @@ def _estimates(
             "others": list(pairs[name]),
             "span": list(spans[name]),
             "settings": settings,
+            "last": not options.geometric,
             "seed": number,
             "views": [content[one] for one in (name, *pairs[name])],
         }

@@ -38,7 +38,8 @@ def estimate_depth(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     start = thread_time()
     view, *others = _views(products, payload)
     settings = MatchingSettings(**payload["settings"])
-    found = matched(view, others, tuple(payload["span"]), settings, payload["seed"])
+    given = (tuple(payload["span"]), settings, payload["seed"])
+    found = matched(view, others, *given, last=payload["last"])
     return _kept(products, "depth_estimates", found, view, payload["name"], thread_time() - start)
 
 

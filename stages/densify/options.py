@@ -37,7 +37,7 @@ class DensifyOptions(StageOptions):
         7,
         ge=3,
         le=41,
-        description="Side of the patches compared; above 7 every second pixel of them counts.",
+        description="Side of the patches compared; every second pixel counts, as on a chessboard.",
     )
     geometric: bool = Field(
         True,

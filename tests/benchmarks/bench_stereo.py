@@ -55,8 +55,8 @@ TRIALS = {
     "1 finer round": Trial(matching=replace(PLAIN, rounds=1)),
     "4 finer rounds": Trial(matching=replace(PLAIN, rounds=4)),
     "patches of 5 pixels": Trial(matching=replace(PLAIN, half_px=2)),
-    "patches of 9 pixels, every second": Trial(matching=replace(PLAIN, half_px=4, stride_px=2)),
-    "patches of 13 pixels, every second": Trial(matching=replace(PLAIN, half_px=6, stride_px=2)),
+    "patches of 9 pixels": Trial(matching=replace(PLAIN, half_px=4)),
+    "patches of 13 pixels": Trial(matching=replace(PLAIN, half_px=6)),
     "one size": Trial(matching=replace(PLAIN, levels=1)),
     "photometric alone": Trial(geometric=False),
 }
@@ -97,7 +97,14 @@ def tried(shots: Shots, trial: Trial, surface: TriangleMesh) -> tuple[float, flo
     nearest = sorted(range(_COUNT), key=lambda k: (abs(k - middle), k))[: trial.others + 1]
     start = thread_time()
     found = {
-        k: matched(views[k], [views[j] for j in nearest if j != k], spans[k], trial.matching, k)
+        k: matched(
+            views[k],
+            [views[j] for j in nearest if j != k],
+            spans[k],
+            trial.matching,
+            k,
+            last=not trial.geometric,
+        )
         for k in nearest
     }
     if trial.geometric:

@@ -29,7 +29,7 @@ from workbench.kernels.slanted_planes import changed, faces_camera
 # A view of such a cost has no say; nor one of less than this share of the greatest say.
 _COST_OF_NO_SAY, _LEAST_SAY = 0.9, 0.1
 # A candidate is given up that does not promise to win, though by chance it might.
-_HOPE = 0.3
+_HOPE = 0.1
 # A neighbour that fares worse than the pixel by more has no better plane for it.
 _WORSE = 0.1
 
@@ -66,7 +66,7 @@ def first_costs(scene: Scene, patches: Patches, planes: Floats, costs: Floats) -
             if not usable[y, x]:
                 continue
             mean, variance = reference_patch(picture, usable, (x, y), patches, weights, parts)
-            if variance < patches[2]:
+            if variance < patches[1]:
                 continue
             patch, plane = (weights, parts, mean, variance), _at(planes, x, y)
             for v in range(costs.shape[2]):
@@ -109,7 +109,7 @@ def sweep(
                 continue
             at = (x, y)
             mean, variance = reference_patch(picture, usable, at, patches, weights, parts)
-            if variance < patches[2]:
+            if variance < patches[1]:
                 continue
             patch, plane = (weights, parts, mean, variance), _at(planes, x, y)
             says_of_views(costs, at, says, order)
@@ -131,6 +131,8 @@ def sweep(
                 if cost < best:
                     best, plane = cost, other
                     for v in range(views):
+                        if says[v] == 0.0:
+                            tried[v] = view_cost(other, at, v, patch, patches, scene)
                         at_hand[v] = tried[v]
             for v in range(views):
                 costs[y, x, v] = at_hand[v]
@@ -185,7 +187,8 @@ def polished(
             )
             middle = _tried(plane, at, np.inf, says, order, none, tried, patch, patches, scene)
             for v in range(views):
-                costs[y, x, v] = tried[v]
+                if says[v] > 0.0:
+                    costs[y, x, v] = tried[v]
             scores[y, x] = middle
             bend = (nearer + farther - 2.0 * middle) / (step * step)
             if bend <= 0.0:
@@ -247,13 +250,16 @@ def _tried(
     """The cost of a plane, views with most say first; `WORST` where it is given up.
 
     It is given up once it can stay below ``limit`` only if the views not asked yet have far
-    less against it than against the plane at hand. ``costs`` is filled in.
+    less against it than against the plane at hand. ``costs`` is filled in,
+    but for views that have no say.
     """
     total, rest = 0.0, 0.0
     for v in range(len(order)):
         rest += says[v] * at_hand[v]
     for k in range(len(order)):
         v = order[k]
+        if says[v] == 0.0:
+            break
         costs[v] = view_cost(plane, at, v, patch, patches, scene)
         total += says[v] * costs[v]
         rest -= says[v] * at_hand[v]
@@ -288,6 +294,5 @@ def _at(planes: Floats, x: int, y: int) -> Plane:
 @njit(cache=True, nogil=True)
 def _room(patches: Patches) -> tuple[Floats, Floats]:
     """Room for the weights and the parts of a patch."""
-    half, stride, _ = patches
-    samples = ((2 * half) // stride + 1) ** 2
+    samples = ((2 * patches[0] + 1) ** 2 + 1) // 2
     return np.empty(samples, np.float32), np.empty(samples, np.float32)

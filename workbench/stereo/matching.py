@@ -30,7 +30,7 @@ class MatchingSettings:
     levels : sizes, each twice the one before.
     first_rounds : of both colours, at the coarsest size, from planes at random.
     rounds : at every finer size.
-    half_px, stride_px : half width of the patches compared, and between its samples.
+    half_px : half width of the patches compared.
     least_variance : of grey levels in a patch; a flatter one shows nothing but noise.
     geometry_weight : of disagreement with the other views' depth maps, a pixel.
     """
@@ -39,7 +39,6 @@ class MatchingSettings:
     first_rounds: int = 6
     rounds: int = 2
     half_px: int = 3
-    stride_px: int = 1
     least_variance: float = 2.0
     geometry_weight: float = 0.1
 
@@ -95,6 +94,8 @@ def matched(
     span: tuple[float, float],
     settings: MatchingSettings,
     seed: int,
+    *,
+    last: bool = True,
 ) -> DepthEstimate:
     """A view's depth map from what other views show.
 
@@ -102,6 +103,7 @@ def matched(
     ----------
     span : least and greatest depth.
     seed : of the draws of this view.
+    last : False where `agreed` comes after, which is what tells how sure depths are.
     """
     pyramid = [(view, tuple(others))]
     while len(pyramid) < settings.levels and min(pyramid[-1][0].grey.shape) > _SMALLEST_SIDE_PX:
@@ -117,7 +119,8 @@ def matched(
             random_planes(one.usable, one.lens, search.nearness, seed, planes)
         else:
             planes = _finer(estimate.planes, one.grey.shape)
-        estimate = search.estimate(planes, rounds, from_nothing=estimate is None)
+        from_nothing = estimate is None
+        estimate = search.estimate(planes, rounds, from_nothing, last=last and level == 0)
     assert estimate is not None
     return estimate
 
@@ -133,7 +136,7 @@ def agreed(
 ) -> DepthEstimate:
     """A depth map bettered so that those of the other views, ``nearness`` (h, w), agree with it."""
     search = _Search(view, others, span, settings, nearness, seed)
-    return search.estimate(estimate.planes.copy(), 1, from_nothing=False)
+    return search.estimate(estimate.planes.copy(), 1)
 
 
 def judged(
@@ -144,9 +147,7 @@ def judged(
     settings: MatchingSettings,
 ) -> DepthEstimate:
     """Planes (h, w, 3) found elsewhere, 0 for none, with what they cost and how sure they are."""
-    found = _Search(view, others, span, settings, None, 0).estimate(
-        planes.copy(), 0, from_nothing=False
-    )
+    found = _Search(view, others, span, settings, None, 0).estimate(planes.copy(), 0)
     none = planes[..., 0] <= 0.0
     found.cost[none], found.sigma[none] = WORST, np.inf
     return found
@@ -177,11 +178,16 @@ class _Search:
         self._plain: Scene = (*parts, (pictures, masks, sizes), (known, 0.0))
 
     def estimate(
-        self, planes: NDArray[np.float32], rounds: int, *, from_nothing: bool
+        self,
+        planes: NDArray[np.float32],
+        rounds: int,
+        from_nothing: bool = False,
+        *,
+        last: bool = True,
     ) -> DepthEstimate:
-        """Planes bettered in some rounds of both colours."""
+        """Planes bettered in some rounds of both colours; only the last tells how sure they are."""
         settings = self.settings
-        given = (settings.half_px, settings.stride_px, settings.least_variance)
+        given = (settings.half_px, settings.least_variance)
         shape = self.view.grey.shape
         costs = np.full((*shape, len(self._there[0])), WORST, np.float32)
         first_costs(self._scene, given, planes, costs)
@@ -194,8 +200,9 @@ class _Search:
             change = max(change, pixel)
             trial = (change, 0.5 * (1.0 - done) + 0.05, 3)
             sweep(self._scene, given, self.nearness, trial, self.seed, turn, planes, costs, scores)
-        sigma = np.empty(shape, np.float32)
-        polished(self._plain, given, 0.5 * pixel, planes, costs, scores, sigma)
+        sigma = np.full(shape, np.inf, np.float32)
+        if last:
+            polished(self._plain, given, 0.5 * pixel, planes, costs, scores, sigma)
         return DepthEstimate(planes, scores, sigma, pixel)
 
     def nearness_of_a_pixel(self) -> float:
