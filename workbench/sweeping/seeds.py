@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from workbench.pipeline.progress import Progress
 from workbench.pipeline.runner import RunRequest, run_pipeline
 from workbench.project.project import Project
 from workbench.project.simulated import simulate_project
+from workbench.project.user_masks import mask_folder
 from workbench.sweeping.recommendation import Budget
 from workbench.sweeping.scratch import SWEEP_FOLDER
 from workbench.sweeping.sweep import SweepRequest, cost_of, sweep
@@ -93,10 +95,25 @@ def _others(
             simulate_project(
                 root, given=given, settings=settings, preset=project.file.preset, progress=progress
             )
+        draw_masks_again(project, Project(root))
         other = Project(root)
         own = {stage: dict(table) for stage, table in project.settings(request.overrides).items()}
         run_pipeline(pipeline, other, RunRequest(last=last, overrides=own), progress)
         yield other, seed
+
+
+def draw_masks_again(project: Project, other: Project) -> None:
+    """Give a simulation masks to learn from, of what a user has drawn of one like it.
+
+    They are the truth's, for nobody draws on the other.
+    """
+    for drawn in project.input_paths("training_masks"):
+        for truth in ("truth_scan_masks", "truth_object"):
+            path = other.store.path(truth, drawn.stem)
+            if path.is_file():
+                folder = mask_folder(other.root, "training")
+                folder.mkdir(parents=True, exist_ok=True)
+                copyfile(path, folder / drawn.name)
 
 
 def _photo_options(root: Path) -> dict[str, Any] | None:
