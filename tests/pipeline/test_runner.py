@@ -14,7 +14,7 @@ from workbench.pipeline import runner
 from workbench.pipeline.freshness import state_of
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.records import RecordFolder
-from workbench.pipeline.stage import Estimate, StageResult
+from workbench.pipeline.stage import LIBRARY_BYTES, Estimate, StageResult
 from workbench.project.hashing import FileHashes
 from workbench.project.project import Project
 from workbench.project.settings import options_for
@@ -193,6 +193,37 @@ def test_room_is_measured_not_guessed(project, run, monkeypatch):
     run(project, with_stage("fuse", estimate=lambda scene, options: Estimate(10**5, 0)))
     with pytest.raises(InputError, match="memory"):
         run(project, pipeline, only="fuse", force=True)
+
+
+def test_as_many_are_at_work_as_memory_holds(project, run, monkeypatch):
+    memory = psutil.virtual_memory()
+    monkeypatch.setattr(runner.psutil, "virtual_memory", lambda: memory._replace(available=2**33))
+    monkeypatch.setattr(runner, "_cores", lambda: 8)
+    at_work = []
+
+    def watched(job):
+        at_work.append(job.tasks.workers)
+        return StageResult()
+
+    def told(workers, item_bytes):
+        # 4 of 8 GiB for the first, 2 for each further one, libraries included.
+        pipeline = with_stage(
+            "export", run=watched, estimate=lambda *_: Estimate(2**32, 0, item_bytes=item_bytes)
+        )
+        stream = io.StringIO()
+        request = {"force": True, "workers": workers, "only": "export"}
+        run(project, pipeline, progress=Progress(stream), **request)
+        return stream.getvalue()
+
+    run(project)
+    one = 2**31 - LIBRARY_BYTES
+    assert "export: 3 at work and not 8, for each takes about 2.0 GiB and 8.0" in told(None, one)
+    assert "at work" not in told(None, 0)
+    with pytest.raises(InputError, match="Not enough memory for 4 workers of export") as caught:
+        told(4, one)
+    assert "--workers 3" in caught.value.fix
+    assert "at work" not in told(3, one)
+    assert at_work == [3, 8, 3]
 
 
 def test_mistakes_in_any_stage_are_found_before_the_first_runs(project, run):

@@ -80,7 +80,7 @@ def run_pipeline(
             if request.force and request.target is not None:
                 forced = frozenset((request.target,))
             _check_what_is_not_run(project, plan, chosen, progress)
-            _check_room(project, chosen, forced)
+            _check_room(project, chosen, forced, request)
             run = _Run(
                 project,
                 request,
@@ -149,8 +149,10 @@ class _Run:
         }
         scene = project.scene()
         estimate = _estimate(planned, scene)
+        workers = self._workers(stage.name, estimate)
         if estimate is not None:
-            record["announced_memory_bytes"] = estimate.announced(self._processes(scene))
+            at_once = min(workers, max(scene.scans, scene.photos, 1))
+            record["announced_memory_bytes"] = estimate.announced(at_once)
         asked_by = record["run"] = folder.start()
         for name in stage.writes:
             project.store.remove_unfinished(name)
@@ -159,7 +161,7 @@ class _Run:
         meter = Meter()
         try:
             with meter:
-                result = self._result(planned, scene, estimate, asked_by)
+                result = self._result(planned, scene, estimate, workers, asked_by)
         except Exception as error:
             if isinstance(error, WorkbenchError):
                 error.stage = error.stage or stage.name
@@ -198,7 +200,12 @@ class _Run:
         return outcome
 
     def _result(
-        self, planned: PlannedStage, scene: Scene, estimate: Estimate | None, asked_by: str
+        self,
+        planned: PlannedStage,
+        scene: Scene,
+        estimate: Estimate | None,
+        workers: int,
+        asked_by: str,
     ) -> StageResult:
         project, stage, options = self.project, planned.stage, planned.options
         products = Products(project, stage.reads, stage.writes, planned.absent)
@@ -216,7 +223,7 @@ class _Run:
                 reads=stage.reads,
                 writes=stage.writes,
                 libraries=stage.libraries,
-                workers=self.request.workers or _cores(),
+                workers=workers,
                 cluster=self.request.cluster,
                 asked_by=asked_by,
                 item_memory_bytes=estimate.worker_bytes if estimate else 0,
@@ -227,10 +234,20 @@ class _Run:
         products.remove_what_was_not_written()
         return result
 
-    def _processes(self, scene: Scene) -> int:
-        """How many may be at work at once on this machine: no more than there are items."""
-        workers = 1 if self.request.cluster else self.request.workers or _cores()
-        return max(1, min(workers, max(scene.scans, scene.photos)))
+    def _workers(self, stage: str, estimate: Estimate | None) -> int:
+        """How many may be at work at once on this machine: as asked for, else as memory allows."""
+        if self.request.cluster:
+            return 1
+        if self.request.workers or estimate is None:
+            return self.request.workers or _cores()
+        free = psutil.virtual_memory().available
+        workers = estimate.workers_within(free, _cores())
+        if workers < _cores():
+            self.progress.warning(
+                f"{stage}: {workers} at work and not {_cores()}, for each takes about "
+                f"{estimate.worker_bytes / 2**30:.1f} GiB and {free / 2**30:.1f} GiB are free"
+            )
+        return workers
 
 
 def _estimate(planned: PlannedStage, scene: Scene) -> Estimate | None:
@@ -271,7 +288,9 @@ def _check_what_is_not_run(
         progress.warning(f"{stage} is not part of this run though {earlier.reason}")
 
 
-def _check_room(project: Project, chosen: list[PlannedStage], forced: frozenset[str]) -> None:
+def _check_room(
+    project: Project, chosen: list[PlannedStage], forced: frozenset[str], request: RunRequest
+) -> None:
     """Memory and disk, before the first sample is touched."""
     scene = project.scene()
     memory = psutil.virtual_memory().available
@@ -281,6 +300,16 @@ def _check_room(project: Project, chosen: list[PlannedStage], forced: frozenset[
         estimate = _estimate(planned, scene)
         if not works or planned.action == "left out" or estimate is None:
             continue
+        asked = 1 if request.cluster else request.workers or 1
+        fits = estimate.workers_within(memory, asked)
+        if estimate.memory_bytes <= memory and fits < asked:
+            raise InputError(
+                f"Not enough memory for {asked} workers of {planned.stage.name}",
+                stage=planned.stage.name,
+                expected=f"about {estimate.announced(asked) / 2**30:.1f} GiB",
+                found=f"{memory / 2**30:.1f} GiB free",
+                fix=f"--workers {fits}, or leave the number out",
+            )
         for what, need, have in (
             ("memory", estimate.memory_bytes, memory),
             ("disk space", estimate.disk_bytes, disk),

@@ -56,6 +56,15 @@ class Estimate:
         """All memory with so many processes at work, libraries included."""
         return self.memory_bytes + LIBRARY_BYTES + (workers - 1) * self.worker_bytes
 
+    def workers_within(self, free_bytes: int, most: int) -> int:
+        """How many processes may be at work in so much memory, 1 at least and ``most`` at most.
+
+        The libraries of this process are held already.
+        """
+        if not self.item_bytes:
+            return most
+        return min(most, 1 + max(0, free_bytes - self.memory_bytes) // self.worker_bytes)
+
     @property
     def worker_bytes(self) -> int:
         """Memory of a worker that is at work on one item; 0 where there are none."""
