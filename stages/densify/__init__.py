@@ -59,6 +59,12 @@ def run(job: Job[DensifyOptions]) -> StageResult:
     names = sorted(cameras)
     views = _views(job, cameras, names)
     pairs, spans = _chosen(model, cameras, views, options)
+    if not any(pairs.values()):
+        raise InputError(
+            "No photograph looks where another does",
+            found=f"{len(names)} oriented photographs without a neighbour",
+            fix="bring their orientation with its points, or leave out --cameras",
+        )
     # What is compared with nothing has no depth map.
     names = [name for name in names if pairs[name]]
     pairs = {name: [other for other in pairs[name] if other in names] for name in names}

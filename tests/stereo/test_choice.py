@@ -50,6 +50,21 @@ def test_neighbours_stand_beside_and_see_from_other_places(count: int) -> None:
         assert set(found[f"photo_{k:02d}"]) == beside
 
 
+def test_points_without_tracks_tell_neighbours_and_spans_too() -> None:
+    tracked = ring(on_ball(500))
+    bare = {
+        number: ColmapPoint(number, point.xyz, point.rgb, point.error, np.zeros((0, 2), np.int64))
+        for number, point in tracked.points.items()
+    }
+    points = seen_points(ColmapModel(tracked.cameras, tracked.images, bare), {})
+    cameras = tracked.photo_cameras()
+    found = chosen_neighbours(points, cameras, 2)
+    assert set(found["photo_05"]) == {"photo_04", "photo_06"}
+    near, far = depth_span(points, 3, cameras["photo_03"])
+    assert 2.5 < near < FAR - 0.9
+    assert FAR + 0.9 < far < FAR + 2.0
+
+
 def test_views_from_nearly_the_same_place_are_poor_neighbours() -> None:
     turns = np.radians([0.0, 0.5, 15.0, 30.0, 90.0])
     model = ring(on_ball(800), turns)

@@ -62,7 +62,18 @@ def seen_points(model: ColmapModel, shares: Mapping[str, float]) -> SeenPoints:
     seen = np.zeros((len(points), len(names)), bool)
     for row, point in enumerate(model.points.values()):
         seen[row, [of_image[image] for image in point.track[:, 0].tolist()]] = True
+    if seen.any(axis=1).sum() < _FEWEST_POINTS:
+        # Orientations often come without the tracks: then a camera may see what it looks at.
+        seen = np.column_stack([_in_picture(cameras[name], points) for name in names])
     return SeenPoints(names, points, seen)
+
+
+def _in_picture(camera: PhotoCamera, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (n, 3) are in front of a camera and within its picture."""
+    pixels, depths = camera.project(points)
+    with np.errstate(invalid="ignore"):
+        inside = (pixels >= 0.0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    return np.asarray(inside & (depths > 0.0))
 
 
 def depth_span(points: SeenPoints, number: int, camera: PhotoCamera) -> tuple[float, float]:
