@@ -28,6 +28,8 @@ from workbench.kernels.slanted_planes import changed, faces_camera
 
 # A view of such a cost has no say; nor one of less than this share of the greatest say.
 _COST_OF_NO_SAY, _LEAST_SAY = 0.9, 0.1
+# How many views a plane is sought by: each place is seen well by some, and not the same.
+_HEARD = 3
 # A candidate is given up that does not promise to win, though by chance it might.
 _HOPE = 0.1
 # A neighbour that fares worse than the pixel by more has no better plane for it.
@@ -112,7 +114,7 @@ def sweep(
             if variance < patches[1]:
                 continue
             patch, plane = (weights, parts, mean, variance), _at(planes, x, y)
-            says_of_views(costs, at, says, order)
+            says_of_views(costs, at, _HEARD, says, order)
             best = 0.0
             for v in range(views):
                 at_hand[v] = costs[y, x, v]
@@ -174,7 +176,7 @@ def polished(
             at = (x, y)
             mean, variance = reference_patch(picture, usable, at, patches, weights, parts)
             patch, plane = (weights, parts, mean, variance), _at(planes, x, y)
-            says_of_views(costs, at, says, order)
+            says_of_views(costs, at, views, says, order)
             w, a, b = plane
             heard = 0.0
             for v in range(views):
@@ -199,11 +201,14 @@ def polished(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def says_of_views(costs: Floats, at: Pixel, says: Doubles, order: NDArray[np.int64]) -> None:
+def says_of_views(
+    costs: Floats, at: Pixel, heard: int, says: Doubles, order: NDArray[np.int64]
+) -> None:
     """Fill in what each view's say is at a pixel, in sum 1, and the views in order of it.
 
     A view has a say where it fits the planes of the pixels around, so those that do not see
-    the place have none; where no view fits, all have the same.
+    the place have none; where no view fits, all have the same. Of more than ``heard`` those
+    that fit best have one.
     """
     height, width, views = costs.shape
     most = 0.0
@@ -217,21 +222,22 @@ def says_of_views(costs: Floats, at: Pixel, says: Doubles, order: NDArray[np.int
                 if share < 1.0:
                     says[v] += (1.0 - share * share) ** 2
         most = max(most, says[v])
-    total = 0.0
-    for v in range(views):
-        if most <= 0.0:
-            says[v] = 1.0
-        elif says[v] < _LEAST_SAY * most:
-            says[v] = 0.0
-        total += says[v]
-    for v in range(views):
-        says[v] /= total
     for k in range(1, views):
         one, place = order[k], k
         while place > 0 and says[order[place - 1]] < says[one]:
             order[place] = order[place - 1]
             place -= 1
         order[place] = one
+    total = 0.0
+    for k in range(views):
+        v = order[k]
+        if k >= heard or says[v] < _LEAST_SAY * most:
+            says[v] = 0.0
+        elif most <= 0.0:
+            says[v] = 1.0
+        total += says[v]
+    for v in range(views):
+        says[v] /= total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
