@@ -10,7 +10,7 @@ from workbench.kernels.counted_random import uniform
 from workbench.kernels.patch_cost import WORST, patch_cost, reference_patch
 from workbench.stereo.matching import pair_geometry
 
-PATCHES = (4, 2, 1.0)
+PATCHES = (4, 1.0)
 
 
 def both():
@@ -21,7 +21,7 @@ def both():
 
 def cost_by_kernel(one, other, told, at, usable=None):
     usable = one.usable if usable is None else usable
-    weights, parts = np.empty(25, np.float32), np.empty(25, np.float32)
+    weights, parts = np.empty(41, np.float32), np.empty(41, np.float32)
     patch = (weights, parts, *reference_patch(one.grey, usable, at, PATCHES, weights, parts))
     there, back = pair_geometry(one, [other])
     others = (other.grey[None], other.usable[None], np.array([other.grey.shape[::-1]]))
@@ -33,10 +33,11 @@ def cost_plainly(one, other, told, at, usable=None):
     usable = one.usable if usable is None else usable
     (w, a, b), (x, y) = told, at
     mine, theirs, weight = [], [], []
-    for dy in range(-4, 5, 2):
-        for dx in range(-4, 5, 2):
+    for dy in range(-4, 5):
+        for dx in range(-4, 5):
             u, v = x + dx, y + dy
-            if not usable[v, u]:
+            # Samples are of one colour on a chessboard.
+            if (dx + dy) % 2 or not usable[v, u]:
                 continue
             depth = 1.0 / (w + a * dx + b * dy)
             ray = np.append((np.array([u, v]) - one.lens[2:]) / one.lens[:2], 1.0)
