@@ -307,7 +307,7 @@ def _result(
 
 DENSIFY = Stage(
     name="densify",
-    version=1,
+    version=2,
     summary="Depth maps by PatchMatch stereo from photographs alone, as range maps.",
     options=DensifyOptions,
     reads=("photo_files", "photo_masks", "photo_poses", "oriented_images"),

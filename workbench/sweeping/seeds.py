@@ -95,8 +95,8 @@ def _others(
             simulate_project(
                 root, given=given, settings=settings, preset=project.file.preset, progress=progress
             )
-        draw_masks_again(project, Project(root))
         other = Project(root)
+        draw_masks_again(project, other)
         own = {stage: dict(table) for stage, table in project.settings(request.overrides).items()}
         run_pipeline(pipeline, other, RunRequest(last=last, overrides=own), progress)
         yield other, seed

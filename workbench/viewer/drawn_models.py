@@ -208,9 +208,9 @@ def _exported(path: Path, names: tuple[str, ...], what: str, setting: str) -> Pa
 
 def _painted(path: Path) -> tuple[TriangleMesh, SurfaceTexture | None]:
     """A surface and its texture, in the user's coordinates."""
-    file = _exported(path, ("textured_glb", *_SURFACES), "surface", "export.ply=true")
     from workbench.formats.textured_surface import read_textured_surface
 
+    file = _exported(path, ("textured_glb", *_SURFACES), "surface", "export.ply=true")
     mesh, texture = read_textured_surface(file)
     if texture is not None and file.suffix.lower() == ".glb":
         told = read_glb_description(file)
