@@ -28,11 +28,15 @@ demo: setup
 	@echo "The report is in $(CURDIR)/$(DEMO)/report/report.html"
 	@echo "The model: $(BIN)/workbench view $(DEMO), or any web server in $(CURDIR)/out/site"
 
+# Tests run in two processes; a process that runs out of its share takes over from the other.
+PROCESSES ?= 2
+PYTEST := $(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist worksteal
+
 test: check
-	$(BIN)/python -m pytest -q -m "not slow"
+	$(PYTEST) -m "not slow"
 
 test-full: check
-	$(BIN)/python -m pytest -q
+	$(PYTEST)
 
 # Readers against damaged files: all of them, or make fuzz READER="ply ptx" EXECUTIONS=1000000.
 # ENGINE=atheris is guided by coverage; it takes pip install --editable '.[fuzz]'.
