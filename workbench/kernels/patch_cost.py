@@ -14,8 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from workbench.kernels.borrowing import borrowing
 
 WORST = 2.0
 """The cost, 1 − NCC, of what cannot be compared."""
@@ -45,7 +46,7 @@ Patches = tuple[int, float]
 Patch = tuple[Floats, Floats, np.float32, np.float32]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def reference_patch(
     picture: Floats, usable: Masks, at: Pixel, patches: Patches, weights: Floats, parts: Floats
 ) -> tuple[np.float32, np.float32]:
@@ -83,7 +84,7 @@ def reference_patch(
     return mean, variance
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def patch_cost(
     plane: Plane, at: Pixel, v: int, patch: Patch, patches: Patches, pairs: Pairs, others: Others
 ) -> float:
@@ -140,7 +141,7 @@ def patch_cost(
     return min(max(1.0 - float(cross) / math.sqrt(spread * variance), 0.0), WORST)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def view_cost(
     plane: Plane, at: Pixel, v: int, patch: Patch, patches: Patches, scene: Scene
 ) -> float:
@@ -152,7 +153,7 @@ def view_cost(
     return cost
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _disagreement(w: float, at: Pixel, v: int, pairs: Pairs, nearness: Floats) -> float:
     """How far from a pixel, in pixels, a view's own depth map leads back to; 3 at most.
 

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from workbench.kernels.borrowing import borrowing
 from workbench.kernels.patch_cost import (
     WORST,
     Doubles,
@@ -48,6 +49,7 @@ def _turned(area: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
 # further off. All their pixels are of the other colour.
 _NEAR = _turned([(0, -1), (-1, -2), (1, -2), (-2, -3), (2, -3), (-3, -4), (3, -4)])
 _FAR = _turned([(0, -reach) for reach in range(3, 25, 2)])
+_NEAR_AREAS = len(_NEAR)
 _FIRST = np.cumsum([0, *(len(area) for area in _NEAR + _FAR)]).astype(np.int64)
 _PLACES = np.array([place for area in _NEAR + _FAR for place in area], np.int64)
 # Whose views are asked: the pixel itself, and others of the other colour.
@@ -80,6 +82,7 @@ def sweep(
     scene: Scene,
     patches: Patches,
     span: tuple[float, float],
+    far: bool,
     trial: tuple[float, float, int],
     seed: int,
     turn: int,
@@ -92,6 +95,7 @@ def sweep(
     Parameters
     ----------
     span : least and greatest one over depth.
+    far : whether planes are taken from far off, too; near by alone where most are good already.
     trial : how far one over depth and (by length) normals are changed by chance, and how often.
     turn : number of the sweep; its parity is the colour.
     planes, costs, scores : (h, w, 3), (h, w, views), (h, w), bettered in place. A score is the
@@ -99,7 +103,7 @@ def sweep(
     """
     picture, usable, lens = scene[0], scene[1], scene[2]
     change, tilt, trials = trial
-    areas = len(_FIRST) - 1
+    areas = len(_FIRST) - 1 if far else _NEAR_AREAS
     weights, parts = _room(patches)
     height, width = picture.shape
     views = costs.shape[2]
@@ -200,7 +204,7 @@ def polished(
             sigma[y, x] = math.sqrt(2.0 * max(middle, 1e-3) * heard / (bend * len(weights)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def says_of_views(
     costs: Floats, at: Pixel, heard: int, says: Doubles, order: NDArray[np.int64]
 ) -> None:
@@ -240,7 +244,7 @@ def says_of_views(
         says[v] /= total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _tried(
     plane: Plane,
     at: Pixel,
@@ -274,7 +278,7 @@ def _tried(
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _candidate(
     scores: Floats, planes: Floats, at: Pixel, area: int, limit: float
 ) -> tuple[bool, Plane]:
@@ -292,7 +296,7 @@ def _candidate(
     return True, (w + a * (x - bx) + b * (y - by), a, b)
 
 
-@njit(cache=True, nogil=True)
+@borrowing
 def _at(planes: Floats, x: int, y: int) -> Plane:
     return float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2])
 

@@ -6,6 +6,7 @@ import math
 
 from numba import njit
 
+from workbench.kernels.borrowing import borrowing
 from workbench.kernels.counted_random import uniform
 from workbench.kernels.patch_cost import Doubles, Floats, Masks, Pixel, Plane
 
@@ -15,7 +16,7 @@ _STEEPEST_AT_RANDOM = 0.7
 _DRAWS_OF_SWEEP, _DRAWS_OF_TRIAL = 16, 4
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def faces_camera(plane: Plane, at: Pixel, lens: Doubles) -> bool:
     """Whether a plane is in front of the camera and seen at less than 85°."""
     w, _, _ = plane
@@ -42,7 +43,7 @@ def random_planes(
             planes[y, x, 0], planes[y, x, 1], planes[y, x, 2] = w, a, b
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def changed(
     plane: Plane, at: Pixel, lens: Doubles, change: float, tilt: float, number: int,
     draws: tuple[int, int, int],
@@ -71,7 +72,7 @@ def changed(
     return w, a, b
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _normal(plane: Plane, at: Pixel, lens: Doubles) -> tuple[float, float, float]:
     """The normal m of the plane m · X = 1."""
     w, a, b = plane
@@ -80,7 +81,7 @@ def _normal(plane: Plane, at: Pixel, lens: Doubles) -> tuple[float, float, float
     return mx, my, mz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@borrowing
 def _slopes(
     w: float, nx: float, ny: float, nz: float, at: Pixel, lens: Doubles
 ) -> tuple[float, float]:
