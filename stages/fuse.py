@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -22,6 +22,8 @@ from workbench.project.settings import StageOptions
 
 if TYPE_CHECKING:
     from workbench.geometry.samples import Samples
+
+_THINNING = {"range_maps": 0.5, "photo_range_maps": 2.0}
 
 
 class FuseOptions(StageOptions):
@@ -45,11 +47,10 @@ class FuseOptions(StageOptions):
     border_erosion: int = Field(
         1, ge=0, le=10, description="Rings dropped along depth steps, where pixels are mixed."
     )
-    thinning: float = Field(
-        0.5,
-        ge=0.0,
-        le=10.0,
-        description="Samples within this many sample distances become one; 0 keeps all.",
+    thinning: Annotated[float, Field(ge=0.0, le=10.0)] | Literal["auto"] = Field(
+        "auto",
+        description="Samples within this many sample distances become one; 0 keeps all. auto: "
+        "0.5, and 2 of photographs, whose neighbouring depths come from the same patches.",
     )
     memory_samples: int = Field(
         5_000_000,
@@ -104,7 +105,8 @@ def run(job: Job[FuseOptions]) -> StageResult:
         )
     spacings = [products.load("oriented_scans", name, only=["spacing_m"]) for name in names]
     spacing = float(np.median(np.concatenate([of["spacing_m"] for of in spacings])))
-    cell = options.thinning * spacing
+    thinning = _THINNING[maps] if options.thinning == "auto" else options.thinning
+    cell = thinning * spacing
     trusted = [entry for entry in entries if found[entry["name"]]["samples"]]
     # One scan without colour, and the samples have none.
     colored = all(entry["color"] for entry in trusted)

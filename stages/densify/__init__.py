@@ -263,7 +263,7 @@ def _range_maps(
                 "least_views": options.agreeing,
                 "most_px": options.agreement_px,
                 "most_cost": options.most_cost,
-                "speckle_px": options.speckle_px,
+                "speckle_share": options.speckle_share,
             },
         }
         for name in names

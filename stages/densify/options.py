@@ -55,10 +55,10 @@ class DensifyOptions(StageOptions):
     most_cost: float = Field(
         0.6, gt=0.0, le=2.0, description="Depths whose 1 − NCC is above this are not believed."
     )
-    speckle_px: int = Field(
-        100,
-        ge=0,
-        le=100_000,
-        description="Pieces of a depth map of no more pixels than this, apart from all around "
-        "them, are dropped.",
+    speckle_share: float = Field(
+        2e-4,
+        ge=0.0,
+        le=0.1,
+        description="Pieces of a depth map of no more than this share of the picture, apart from "
+        "all around them, are dropped.",
     )

@@ -152,8 +152,12 @@ def _photographed(
         if name in cameras:
             mask: Any = cv2.imread(str(products.load("truth_object", name)), cv2.IMREAD_GRAYSCALE)
             seen = rays.seen_by(cameras[name], _STEP_PX)
-            half = _STEP_PX // 2
-            shown = mask[half::_STEP_PX, half::_STEP_PX].ravel() > 127
+            # The middle pixels of the steps, of which the last may be cut short.
+            rows, columns = (
+                np.minimum(np.arange(0, side, _STEP_PX) + _STEP_PX // 2, side - 1)
+                for side in mask.shape
+            )
+            shown = mask[np.ix_(rows, columns)].ravel() > 127
             places[name] = seen.points[seen.found & shown]
     parts = list(places.values())
     counts = [np.zeros(len(part), np.int64) for part in parts]

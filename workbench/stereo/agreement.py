@@ -31,7 +31,8 @@ class AgreementSettings:
     most_cost : of the matching, 1 − NCC.
     floor_px : deviation of a match that no fit goes below, pixels: edges, bends and the light
         that walks with the camera move matches by so much, and no noise tells of it.
-    speckle_px : pieces of no more pixels, a pixel's worth of depth from all around, are dropped.
+    speckle_share : pieces of no more than this share of the picture, a pixel's worth of depth from
+        all around, are dropped: clutter that a mask missed, and chance.
     """
 
     least_views: int = 2
@@ -39,7 +40,7 @@ class AgreementSettings:
     most_share: float = 0.01
     most_cost: float = 0.6
     floor_px: float = 0.35
-    speckle_px: int = 100
+    speckle_share: float = 2e-4
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,8 @@ def agreed_range_map(
         settings.most_share,
     )
     kept = views >= min(settings.least_views, len(others))
-    kept &= ~speckles(np.where(kept, nearness / estimate.pixel, np.nan), settings.speckle_px)
+    most = int(settings.speckle_share * kept.size)
+    kept &= ~speckles(np.where(kept, nearness / estimate.pixel, np.nan), most)
     grid = np.full(kept.shape, -1, np.int32)
     grid[kept] = np.arange(int(kept.sum()), dtype=np.int32)
     row, column = np.nonzero(kept)
