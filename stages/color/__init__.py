@@ -53,13 +53,15 @@ def estimate(scene: Scene, options: ColorOptions) -> Estimate:
 class _Subject:
     """The surface, and what the photographs show of it.
 
-    ``flashed`` and ``unlit`` are the photographs with and without flash, ``payloads`` what is
-    asked of each, ``seconds`` the time a photograph took, ``space`` the colours' space.
+    ``flashed`` and ``unlit`` are the photographs with and without flash, ``told`` whether a file
+    says that one fired, ``payloads`` what is asked of each, ``seconds`` the time a photograph
+    took, ``space`` the colours' space.
     """
 
     mesh: TriangleMesh
     flashed: Photographs
     unlit: Photographs
+    told: bool
     payloads: Mapping[str, dict[str, Any]]
     seconds: float
     space: str
@@ -133,6 +135,7 @@ def _subject(job: Job[ColorOptions], poses: Mapping[str, Any]) -> _Subject:
         mesh,
         photos.of(fired),
         photos.of(lambda name: not fired(name)),
+        any(entries[name]["flash_fired"] for name in payloads),
         payloads,
         float(np.median([item["seconds"] for item in seen.values()])) if seen else 0.0,
         str(inventory["space"]),
@@ -165,7 +168,7 @@ def _lit(
 ) -> tuple[FoundFlash, Photographs]:
     """The flash, and the photographs taken with it, clear of its shadows."""
     photos, products = subject.flashed, job.products
-    flash = found_flash(job, photos, count)
+    flash = found_flash(job, photos, count, told=subject.told)
     if flash.light is None:
         products.remove_items_except("photo_lighting", set())
         return with_leveled_gains(flash, photos), photos
@@ -271,7 +274,7 @@ def _save(
 
 COLOR = Stage(
     name="color",
-    version=1,
+    version=2,
     summary="Blends the photographs onto the surface, free of their flash, and inpaints the rest.",
     options=ColorOptions,
     reads=(

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # A flash set by hand varies by a few percent; one that meters, by much more.
 _BY_HAND, _LEAST_SPREAD = 0.05, 0.005
+# Scatter beside that with strengths alone, at which a flash that no file tells of is one.
+_SHOWS = 0.9
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,16 @@ class FoundFlash:
     reason: str = ""
 
 
-def found_flash(job: Job[ColorOptions], photos: Photographs, count: Any) -> FoundFlash:
+def found_flash(
+    job: Job[ColorOptions], photos: Photographs, count: Any, *, told: bool
+) -> FoundFlash:
     """The flash of photographs that were taken with one.
 
     Parameters
     ----------
     count : (n,) photographs that see each sample.
+    told : whether a file says that a flash fired. Where none does, there is one only if it
+        explains what strengths alone leave: daylight is no flash, though one can be fitted to it.
     """
     from workbench.color.flash_light import FlashLight
 
@@ -61,6 +67,13 @@ def found_flash(job: Job[ColorOptions], photos: Photographs, count: Any) -> Foun
     if isinstance(estimate, str):
         light = _as_asked(FlashLight(np.zeros(3)), options, _distance(photos))
         return FoundFlash(light, even, None, "at the lens", estimate)
+    if not told and estimate.scatter_held_out > _SHOWS * estimate.scatter_with_gains:
+        reason = (
+            "no file tells of a flash, and none shows: colours scatter by "
+            f"{100.0 * estimate.scatter_held_out:.2g} % with one and by "
+            f"{100.0 * estimate.scatter_with_gains:.2g} % without"
+        )
+        return FoundFlash(None, even, None, "left out", reason)
     gains = np.where(np.isnan(estimate.gains), 1.0, estimate.gains)
     light = _as_asked(estimate.light, options, estimate.light.reference_distance)
     by_name = {name: float(gains[k]) for k, name in enumerate(photos.names)}
