@@ -18,7 +18,7 @@ from workbench.geometry.mesh import TriangleMesh
 from workbench.metrics import Metric
 from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
-from workbench.project.project import Scene
+from workbench.project.project import NO_SURFACE, Scene
 
 # Voxels of a surface for each of a face of the cube around it, measured on a mask and a bunny;
 # bytes of each: of a file of levels, of a graph in memory and in its file, coloured.
@@ -45,7 +45,7 @@ def needed(scene: Scene, options: ExportOptions) -> Need:
         return Need(False, "no format asked for")
     if scene.has_surface:
         return Need(True, "a surface to hand on")
-    return Need(False, "no surface: neither scans, geometry nor three photographs")
+    return Need(False, f"no surface: {NO_SURFACE}")
 
 
 def estimate(scene: Scene, options: ExportOptions) -> Estimate:

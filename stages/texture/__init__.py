@@ -17,7 +17,7 @@ from workbench.metrics import Metric
 from workbench.pipeline.knobs import Knob
 from workbench.pipeline.photo_surface import surface_mesh, told_photo, told_surface
 from workbench.pipeline.stage import Estimate, Job, Need, Products, Stage, StageResult
-from workbench.project.project import Scene
+from workbench.project.project import NO_SURFACE, Scene
 
 if TYPE_CHECKING:
     from workbench.texturing.cost_options import CostOptions
@@ -35,7 +35,7 @@ def needed(scene: Scene, options: TextureOptions) -> Need:
     if not scene.photos:
         return Need(False, "no photographs")
     if not scene.has_surface:
-        return Need(False, "no surface to texture: neither scans, geometry nor three photographs")
+        return Need(False, f"no surface to texture: {NO_SURFACE}")
     return Need(True, f"{scene.photos} photographs to texture the surface with")
 
 

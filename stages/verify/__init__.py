@@ -31,7 +31,7 @@ from workbench.geometry.transforms import Matrix4, apply, rigid
 from workbench.metrics import Metric
 from workbench.pipeline.records import utc_now
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
-from workbench.project.project import Scene
+from workbench.project.project import NO_SURFACE, Scene
 
 if TYPE_CHECKING:
     from workbench.verification.report_content import Section
@@ -58,7 +58,7 @@ _SAMPLES_COMPARED = 2_000_000
 
 def needed(scene: Scene, options: VerifyOptions) -> Need:
     if not scene.has_surface:
-        return Need(False, "no surface to verify: neither scans, geometry nor three photographs")
+        return Need(False, f"no surface to verify: {NO_SURFACE}")
     against = " against the known truth" if scene.truth else ""
     against = against or (" against a reference surface" if scene.reference else "")
     return Need(True, f"a report to write{against}")

@@ -30,6 +30,8 @@ PROJECT_FILE = "project.toml"
 CALIBRATION_FOLDER = "calibration"
 ALIGNMENT_FILE = "alignment.toml"
 SCHEMA = 1
+NO_SURFACE = "neither scans, geometry nor three photographs"
+"""Why a `Scene` has no surface."""
 _FEWEST_PHOTOS = 3
 # As a scan's file would take them: a quarter of the pixels of a picture 1600 wide, 16 bytes each.
 _DEPTH_MAP_BYTES = 7_000_000
