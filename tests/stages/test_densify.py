@@ -12,6 +12,7 @@ import pytest
 
 from stages.main import PIPELINE
 from tests.stages.conftest import metrics_of
+from tests.stereo.ball_card import write_true_maps
 from tests.stereo.scenes import ball, seen
 from workbench.errors import InputError
 from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel, write_colmap_text
@@ -112,19 +113,10 @@ def test_colmap_matches_where_there_is_a_card(
 
     def match(folder: str, options: Any) -> None:
         """A card that knows the ball."""
-        for image in pycolmap.Reconstruction(f"{folder}/sparse").images.values():
-            place = tuple(image.projection_center().tolist())
-            view, depth = seen(ball, place, SIZE, FOCAL)
-            rows, columns = np.indices(depth.shape)
-            met = np.isfinite(depth)
-            depth = np.where(met, depth, 0.0)
-            across = (columns - view.lens[2]) / FOCAL, (rows - view.lens[3]) / FOCAL
-            points = np.stack([*across, np.ones(depth.shape)]) * depth
-            normals = np.where(met, points - view.camera_from_world[:3, 3, None, None], 0.0)
-            for kind, values in (("depth_maps", depth[None]), ("normal_maps", normals)):
-                path = Path(folder) / "stereo" / kind / f"{image.name}.geometric.bin"
-                header = f"{SIZE[0]}&{SIZE[1]}&{len(values)}&".encode()
-                path.write_bytes(header + values.astype("<f4").tobytes())
+        images = pycolmap.Reconstruction(f"{folder}/sparse").images.values()
+        places = {image.name: tuple(image.projection_center().tolist()) for image in images}
+        shown = {name: seen(ball, place, SIZE, FOCAL) for name, place in places.items()}
+        write_true_maps(Path(folder), shown)
 
     monkeypatch.setattr(pycolmap, "has_cuda", True)
     monkeypatch.setattr(pycolmap, "patch_match_stereo", match)

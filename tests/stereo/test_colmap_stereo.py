@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 import pytest
 
+from tests.stereo.ball_card import write_true_maps
 from tests.stereo.scenes import ball, plane, seen
 from workbench.errors import InputError
 from workbench.stereo import colmap_stereo
@@ -26,23 +27,6 @@ def views_of(body: Any) -> dict[str, tuple[StereoView, np.ndarray]]:
     return {name: seen(body, place) for name, place in PLACES.items()}
 
 
-def normals_of(view: StereoView, depth: np.ndarray) -> np.ndarray:
-    """Of the unit ball, in the camera's frame, (h, w, 3); 0 where nothing is met."""
-    rows, columns = np.indices(depth.shape)
-    across = (columns - view.lens[2]) / view.lens[0], (rows - view.lens[3]) / view.lens[1]
-    slopes = np.stack([*across, np.ones(depth.shape)], axis=2)
-    center = view.camera_from_world[:3, 3]
-    met = np.isfinite(depth)
-    return np.where(met[..., None], slopes * np.where(met, depth, 0.0)[..., None] - center, 0.0)
-
-
-def written(path: Path, values: np.ndarray) -> None:
-    """As COLMAP writes maps: part by part, row by row."""
-    height, width, parts = values.shape
-    header = f"{width}&{height}&{parts}&".encode()
-    path.write_bytes(header + np.moveaxis(values, 2, 0).astype("<f4").tobytes())
-
-
 @pytest.fixture
 def card(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """A card that knows the ball: writes its true depths; the folders it was given."""
@@ -53,11 +37,7 @@ def card(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
         root = Path(folder)
         given.append(root)
         assert (options.depth_min, options.depth_max) == SPAN
-        for name, (view, depth) in shown.items():
-            maps = root / "stereo"
-            there = np.where(np.isfinite(depth), depth, 0.0)[..., None]
-            written(maps / "depth_maps" / f"{name}.png.geometric.bin", there)
-            written(maps / "normal_maps" / f"{name}.png.geometric.bin", normals_of(view, depth))
+        write_true_maps(root, {f"{name}.png": view for name, view in shown.items()})
 
     monkeypatch.setattr(pycolmap, "patch_match_stereo", match)
     return given
