@@ -52,6 +52,29 @@ def _owns(x: NDArray[np.int64], y: NDArray[np.int64], px: int, py: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
+def _columns(x: NDArray[np.int64], y: NDArray[np.int64], row: int, beside: int) -> tuple[int, int]:
+    """First and last column of a row whose texels may be in a triangle, or ``beside`` it.
+
+    Of a long thin triangle these are few, of the rectangle around it many.
+    """
+    left, right = float(x.min() - _HALF), float(x.max() + _HALF)
+    py = row * SUBTEXELS + _HALF
+    for k in range(3):
+        n = (k + 1) % 3
+        dx, dy = x[n] - x[k], y[n] - y[k]
+        inside = float(dx * (py - y[k]) + (abs(dx) + abs(dy)) * beside)
+        if dy > 0:
+            right = min(right, x[k] + inside / dy)
+        elif dy < 0:
+            left = max(left, x[k] + inside / dy)
+        elif inside < 0.0:
+            return 0, -1
+    # Rounded outwards: whether a texel is in the triangle is told exactly, one by one.
+    first, last = int(np.floor(left / SUBTEXELS)), int(np.floor(right / SUBTEXELS))
+    return first, last
+
+
+@njit(cache=True, nogil=True)
 def overlapping(
     corners: NDArray[np.int32], starts: NDArray[np.int64], rects: NDArray[np.int32]
 ) -> NDArray[np.bool_]:
@@ -78,10 +101,10 @@ def overlapping(
         stamp = np.int32(p + 1)
         for t in range(starts[p], starts[p + 1]):
             _turned(corners[t], x, y)
-            columns = range(x.min() // SUBTEXELS, x.max() // SUBTEXELS + 1)
             rows = range(y.min() // SUBTEXELS, y.max() // SUBTEXELS + 1)
             for row in rows:
-                for column in columns:
+                first, last = _columns(x, y, row, 0)
+                for column in range(first, last + 1):
                     if owned[(row - top) * width + column - left] != stamp:
                         continue
                     if _owns(x, y, column * SUBTEXELS + _HALF, row * SUBTEXELS + _HALF):
@@ -89,7 +112,8 @@ def overlapping(
             if found[t]:
                 continue
             for row in rows:
-                for column in columns:
+                first, last = _columns(x, y, row, 0)
+                for column in range(first, last + 1):
                     if _owns(x, y, column * SUBTEXELS + _HALF, row * SUBTEXELS + _HALF):
                         owned[(row - top) * width + column - left] = stamp
     return found
@@ -140,9 +164,8 @@ def draw_patches(
                     (y.min() - _HALF) // SUBTEXELS, (y.max() + _HALF) // SUBTEXELS + 1
                 ):
                     py = row * SUBTEXELS + _HALF
-                    for column in range(
-                        (x.min() - _HALF) // SUBTEXELS, (x.max() + _HALF) // SUBTEXELS + 1
-                    ):
+                    first, last = _columns(x, y, row, which * SUBTEXELS)
+                    for column in range(first, last + 1):
                         if state[row + down, column + right] == COVERED:
                             continue
                         px = column * SUBTEXELS + _HALF
