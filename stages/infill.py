@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 # The whole is solved from so many samples at most where it does not fit in one block.
 _MOST_COARSE_SAMPLES = 500_000
 _LEAST_COARSE_SHARE = 2
+# Less is an open scene's; and how far from its samples, in their distances, it may go on.
+_LEAST_MEASURED, _NEAR_SPACINGS = 0.5, 10.0
 
 
 class InfillOptions(StageOptions):
@@ -155,6 +157,9 @@ def run(job: Job[InfillOptions]) -> StageResult:
             f"the surface is not closed: {census.boundary_edges} open, "
             f"{census.nonmanifold_edges} non-manifold edges; try another infill.depth"
         )
+    measured = measured_area_share(mesh)
+    if options.trim_distance_m is None:
+        warnings += open_scene(measured, spacing)
     products.save("surface", mesh)
     metrics = (
         Metric("samples", count, "", "Samples the surface was made from."),
@@ -165,13 +170,33 @@ def run(job: Job[InfillOptions]) -> StageResult:
         Metric("triangles", len(mesh.triangles), "", "Triangles of the surface."),
         Metric("watertight", census.watertight, "", "Whether every edge has exactly two faces.",
                ("==", 1) if options.trim_distance_m is None else None),
-        Metric("measured_area", measured_area_share(mesh), "",
+        Metric("measured_area", measured, "",
                "Share of the area that rests on samples."),
         Metric("unmeasured_pieces", pieces, "",
                "Separate pieces without any sample, taken away."),
     )  # fmt: skip
     # What a next run could use again is the surface itself; blocks take more room than that.
     return StageResult(metrics, tuple(warnings), passing=("block_surfaces", "surface_parts"))
+
+
+def open_scene(measured: float, spacing_m: float) -> list[str]:
+    """What to do where a closed surface is mostly invented, as behind a façade.
+
+    Parameters
+    ----------
+    measured : share of the area that rests on samples.
+    spacing_m : between samples.
+    """
+    from workbench.verification.quantities import round_up_125
+
+    if measured >= _LEAST_MEASURED:
+        return []
+    near = round_up_125(_NEAR_SPACINGS * spacing_m)
+    return [
+        f"only {100.0 * measured:.0f} % of the surface was measured, for it was closed: of a scene "
+        f"that is open, as façades are, --set infill.trim_distance_m={near:g} keeps what is near "
+        "samples"
+    ]
 
 
 def stored_samples(products: Any, artefact: str) -> AbstractContextManager[SampleSource]:
