@@ -409,7 +409,7 @@ def _solution_metrics(blocks: int, cut: bool, unsolved: int = 0) -> tuple[Metric
 
 INFILL = Stage[Any](
     name="infill",
-    version=2,
+    version=3,
     summary="Screened Poisson closes the surface; every vertex says measured or infilled.",
     options=InfillOptions,
     reads=("samples", "sample_cloud"),

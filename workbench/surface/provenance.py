@@ -107,8 +107,12 @@ def without_unmeasured_pieces(
 def near_samples(
     mesh: TriangleMesh, distance_m: NDArray[np.float64], limit_m: float
 ) -> NDArray[np.bool_]:
-    """(m,) triangles with at least one vertex within ``limit_m`` of a sample."""
-    return np.asarray((distance_m[mesh.triangles] <= limit_m).any(axis=1))
+    """(m,) triangles with all vertices within ``limit_m`` of a sample.
+
+    One vertex near by is not enough: far from samples triangles are as large as coarse cells, and
+    those at the border would reach out as spikes.
+    """
+    return np.asarray((distance_m[mesh.triangles] <= limit_m).all(axis=1))
 
 
 def measured_area_share(mesh: TriangleMesh) -> float:
