@@ -70,8 +70,7 @@ def _columns(x: NDArray[np.int64], y: NDArray[np.int64], row: int, beside: int) 
         elif inside < 0.0:
             return 0, -1
     # Rounded outwards: whether a texel is in the triangle is told exactly, one by one.
-    first, last = int(np.floor(left / SUBTEXELS)), int(np.floor(right / SUBTEXELS))
-    return first, last
+    return int(np.floor(left / SUBTEXELS)), int(np.floor(right / SUBTEXELS))
 
 
 @njit(cache=True, nogil=True)

@@ -199,8 +199,10 @@ class _Search:
             change = (0.25 * reach if from_nothing else 2.0 * pixel) * 0.25 ** (turn // 2)
             change = max(change, pixel)
             trial = (change, 0.5 * (1.0 - done) + 0.05, 3)
-            draws = (from_nothing, trial, self.seed, turn)
-            sweep(self._scene, given, self.nearness, *draws, planes, costs, scores)
+            sweep(
+                self._scene, given, self.nearness, from_nothing, trial, self.seed, turn,
+                planes, costs, scores,
+            )  # fmt: skip
         sigma = np.full(shape, np.inf, np.float32)
         if last:
             polished(self._plain, given, 0.5 * pixel, planes, costs, scores, sigma)
