@@ -17,7 +17,8 @@ from typing import Literal
 
 import numpy as np
 
-from stages.infill import INFILL, InfillOptions
+from stages.infill import INFILL
+from stages.infill.options import InfillOptions
 from workbench.cloud.building import build_cloud
 from workbench.cloud.sample_cloud import SampleBlocks, samples_schema
 from workbench.geometry.mesh import TriangleMesh
