@@ -39,8 +39,8 @@ def test_settings_are_tried_beside_the_finished_project_and_never_twice(fused: P
     before = content(fused)
     told = swept(fused)
     points = {point["knobs"]["thinning"]: point for point in told["points"]}
-    assert set(points) == {0.0, 0.5, 4.0}
-    assert points[0.5]["default"]
+    assert set(points) == {0.0, "auto", 4.0}
+    assert points["auto"]["default"]
     # Half a millimetre of noise; fewer samples tell the surface less well.
     assert 1e-4 < points[0.0]["error"] < points[4.0]["error"] < 0.01
     assert all(point["wall_s"] > 0 and point["peak_rss_bytes"] > 2**26 for point in points.values())
