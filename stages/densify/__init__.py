@@ -77,7 +77,6 @@ def run(job: Job[DensifyOptions]) -> StageResult:
     poses = products.load("photo_poses")
     told = {
         "origin_m": poses["origin"],
-        "scaled": poses["scale"]["way"] != "none",
         "why_own_matcher": why_own,
         "scans": [
             maps[name]

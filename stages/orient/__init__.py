@@ -291,7 +291,7 @@ def _write_colmap(job: Job[OrientOptions], model: ColmapModel) -> None:
 
 ORIENT = Stage(
     name="orient",
-    version=3,
+    version=4,
     summary="Finds where photographs were taken from, and adjusts them to the surface.",
     options=OrientOptions,
     reads=(

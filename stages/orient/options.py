@@ -52,6 +52,10 @@ class OrientOptions(StageOptions):
         description="Pixels of all photographs held at once for patches, some five bytes each; "
         "larger photographs are reduced alike.",
     )
+    given_unit: Literal["m", "none"] = Field(
+        "m",
+        description="Unit of ready-made orientations without scans; none: they have no scale.",
+    )
     markers: Literal["aruco-4x4", "aruco-5x5", "aruco-6x6", "apriltag-36h11"] = Field(
         "apriltag-36h11", description="Kind of the coded markers that tell the scale."
     )

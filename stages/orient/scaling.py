@@ -1,4 +1,4 @@
-"""How large photographs alone say the object is."""
+"""How large photographs alone say the object is, and which way up it stands."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from workbench.formats.colmap import ColmapModel
     from workbench.orientation.scale import NoScale, Scale
 
+_TAKEN_FOR_METRES = (
+    "lengths are taken for metres, as the given cameras have them; where they have no scale, "
+    "tell distances (orient.camera_distances_m), or say so (orient.given_unit=none)"
+)
 _NO_SCALE = (
     "no scale: lengths are in a unit of the photographs' own; photograph coded markers "
     "(orient.marker_size_m), or tell distances between cameras (orient.camera_distances_m)"
@@ -36,11 +40,15 @@ class OwnScale:
 def in_own_scale(
     job: Job[OrientOptions], model: ColmapModel, photos: Mapping[str, Path], picks: tuple[Any, ...]
 ) -> tuple[ColmapModel, OwnScale]:
-    """The model in metres, where places, markers or distances tell how large it is."""
+    """The model in metres, where places, markers or distances tell how large it is.
+
+    What was not brought in a frame of the user's own stands upright.
+    """
     from workbench.geometry.similarity import Similarity
     from workbench.orientation.alignment import transformed
     from workbench.orientation.picks import NoPicks, similarity_of_picks
     from workbench.orientation.scale import NoScale
+    from workbench.orientation.upright import standing
 
     if picks:
         placed = similarity_of_picks(model, picks)
@@ -50,21 +58,22 @@ def in_own_scale(
         found = OwnScale({"way": "picks", "error_m": placed.error}, metrics=(error,))
         return transformed(model, placed.surface_from_model), found
     scale = _scale(job, model, photos)
-    if scale is None:
-        if job.scene.cameras:
-            return model, OwnScale({"way": "cameras as given"})
-        return model, OwnScale({"way": "none"}, (_NO_SCALE,))
     if isinstance(scale, NoScale):
         raise InputError(
             f"The scale cannot be told: {scale.reason}", fix="correct orient's options"
         )
-    told = asdict(scale)
+    if not job.scene.cameras:
+        model = transformed(model, standing(model))
+    elif scale is None and job.options.given_unit == "m":
+        return model, OwnScale({"way": "cameras as given"}, (_TAKEN_FOR_METRES,))
+    if scale is None:
+        return model, OwnScale({"way": "none"}, (_NO_SCALE,))
     metrics = (
         Metric("scale_distances", scale.told_by, "", "Known distances that tell the scale."),
         Metric("scale_spread", 100.0 * scale.spread, "%", "How far they scatter, robust sigma."),
     )
     to_metres = Similarity(scale.metres, np.eye(3), np.zeros(3))
-    return transformed(model, to_metres), OwnScale(told, metrics=metrics)
+    return transformed(model, to_metres), OwnScale(asdict(scale), metrics=metrics)
 
 
 def _scale(

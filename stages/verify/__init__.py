@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -31,6 +32,7 @@ from workbench.geometry.transforms import Matrix4, apply, rigid
 from workbench.metrics import Metric
 from workbench.pipeline.records import utc_now
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
+from workbench.project.photo_scale import scale_is_known
 from workbench.project.project import NO_SURFACE, Scene
 
 if TYPE_CHECKING:
@@ -71,6 +73,14 @@ def estimate(scene: Scene, options: VerifyOptions) -> Estimate:
 
 
 def run(job: Job[VerifyOptions]) -> StageResult:
+    from workbench.verification.quantities import without_scale
+
+    known = scale_is_known(job.products.load_if_there("photo_poses"))
+    with nullcontext() if known else without_scale():
+        return _verified(job)
+
+
+def _verified(job: Job[VerifyOptions]) -> StageResult:
     from workbench.verification.provenance import provenance_document
     from workbench.verification.report import report_html
     from workbench.verification.scan_report import build_scan_report
@@ -194,7 +204,7 @@ def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
 
     products = job.products
     registration = products.load_if_there("registration")
-    found: dict[str, Any] = {"residuals": {}}
+    found: dict[str, Any] = {"residuals": {}, "of_photographs": job.scene.shape_from_photos}
     inventory = products.load_if_there("scan_inventory") or products.load_if_there(
         "photo_range_inventory"
     )
@@ -328,7 +338,7 @@ def _colors(
 
 VERIFY = Stage[Any](
     name="verify",
-    version=3,
+    version=4,
     summary="The report for people, its numbers as JSON, and W3C PROV of the whole project.",
     options=VerifyOptions,
     reads=(

@@ -19,6 +19,7 @@ from workbench.geometry.transforms import Matrix4, best_rigid, rigid
 from workbench.metrics import Metric
 from workbench.pipeline.knobs import NotMeasured
 from workbench.pipeline.stage import Products
+from workbench.project.photo_scale import scale_is_known
 
 if TYPE_CHECKING:
     from workbench.geometry.photo_camera import PhotoCamera
@@ -83,7 +84,7 @@ def photographed_truth(
 ) -> PhotographedTruth | None:
     """Compare, once the cameras' places have brought the truth to the model.
 
-    Without a scale the truth's own is taken; None where no three cameras tell the place.
+    Lengths are in the model's unit; None where no three cameras tell the place.
     """
     from workbench.verification.truth import compare_to_truth
 
@@ -94,15 +95,11 @@ def photographed_truth(
         return None
     in_world = _true_object(products)
     truth = replace(in_world, vertices=model_from_world.apply(in_world.vertices))
-    scale = model_from_world.scale
-    metres = replace(surface, vertices=surface.vertices / scale)
-    comparison = compare_to_truth(
-        metres, replace(truth, vertices=truth.vertices / scale), samples=samples
-    )
-    seen = model_from_world.apply(_photographed(products, in_world, known)) / scale
+    comparison = compare_to_truth(surface, truth, samples=samples)
+    seen = model_from_world.apply(_photographed(products, in_world, known))
     origin = products.load("truth_surface", only=["origin"])["origin"]
     matrix = model_from_world.matrix() @ rigid(np.eye(3), origin)
-    metrics = (*comparison.metrics(), *_completeness(metres, seen))
+    metrics = (*comparison.metrics(), *_completeness(surface, seen))
     return PhotographedTruth(truth, comparison, metrics, matrix if scaled else None)
 
 
@@ -115,7 +112,7 @@ def _cameras(products: Products, artefact: str) -> dict[str, PhotoCamera]:
 
 def _scaled(products: Products) -> bool:
     """Whether the photographs' model is in metres."""
-    return bool(products.load("photo_poses")["scale"]["way"] != "none")
+    return scale_is_known(products.load("photo_poses"))
 
 
 def _true_object(products: Products) -> TriangleMesh:
@@ -174,7 +171,7 @@ def _photographed(
 def _completeness(surface: TriangleMesh, seen: NDArray[np.float64]) -> list[Metric]:
     """How much of what two photographs show is near the measured surface."""
     from workbench.verification.distances import distance_to_surface
-    from workbench.verification.quantities import round_up_125
+    from workbench.verification.quantities import round_up_125, shown_length
     from workbench.verification.truth import measured_vertices
 
     measured = np.asarray(measured_vertices(surface)[surface.triangles].all(axis=1))
@@ -188,7 +185,7 @@ def _completeness(surface: TriangleMesh, seen: NDArray[np.float64]) -> list[Metr
                 100.0 * float((distance <= limit).mean()),
                 "%",
                 "Share of what two photographs or more show that has measured surface within "
-                f"{limit * 1e3:.4g} mm.",
+                f"{shown_length(limit)}.",
             )
         )
     return found

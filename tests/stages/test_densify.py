@@ -15,12 +15,19 @@ from tests.stages.conftest import metrics_of
 from tests.stereo.ball_card import write_true_maps
 from tests.stereo.scenes import ball, seen
 from workbench.errors import InputError
-from workbench.formats.colmap import ColmapCamera, ColmapImage, ColmapModel, write_colmap_text
+from workbench.formats.colmap import (
+    ColmapCamera,
+    ColmapImage,
+    ColmapModel,
+    read_colmap_text,
+    write_colmap_text,
+)
 from workbench.geometry.transforms import apply
 from workbench.pipeline.planner import make_plan
 from workbench.pipeline.progress import Progress
 from workbench.pipeline.runner import RunRequest, run_pipeline
 from workbench.project.creation import create_project
+from workbench.project.photo_scale import scale_is_known
 from workbench.project.project import Project
 from workbench.stereo import colmap_stereo
 
@@ -102,6 +109,25 @@ def test_a_ball_of_photographs_alone(photographed: Path) -> None:
     assert stricter[-1]["action"] == "run"
     assert metrics_of(photographed, "densify")["agreed"] < found["agreed"]
     assert not store.items("better_estimates")
+
+
+def test_given_cameras_are_in_metres_unless_they_are_said_not_to_be(photographed: Path) -> None:
+    def told(**options: Any) -> dict[str, Any]:
+        request = RunRequest(last="orient", overrides={"orient": options}, workers=1)
+        run_pipeline(PIPELINE, Project(photographed), request, Progress(quiet=True))
+        return dict(Project(photographed).store.load("records", "orient"))
+
+    poses = Project(photographed).store
+    (warning,) = told()["warnings"]
+    assert "taken for metres" in warning
+    assert "given_unit" in warning
+    assert scale_is_known(poses.load("photo_poses"))
+    (warning,) = told(given_unit="none")["warnings"]
+    assert warning.startswith("no scale")
+    assert not scale_is_known(poses.load("photo_poses"))
+    # What was brought stays in the user's frame.
+    cameras = read_colmap_text(photographed / "work/orient/colmap").photo_cameras()
+    assert cameras["photo_00"].center == pytest.approx([5.0, 1.5, 0.0])
 
 
 def test_colmap_matches_where_there_is_a_card(

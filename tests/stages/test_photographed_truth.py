@@ -77,7 +77,7 @@ def test_sizes_that_steps_do_not_divide(tmp_path, sphere, swollen: float):
     found = photographed_truth(products, made, 20_000)
     assert found is not None
     told = {metric.name: metric.value for metric in found.metrics}
-    # In metres, though the model is twice as large.
-    assert told["accuracy_measured_rms"] == pytest.approx(swollen - 1.0, abs=2e-4)
+    # In the unit of the model, which is twice as large.
+    assert told["accuracy_measured_rms"] == pytest.approx(SCALE * (swollen - 1.0), abs=4e-4)
     near, far = (value for name, value in told.items() if name.startswith("photographed_within"))
     assert (near > 99.0 and far > 99.0) if swollen == 1.0 else near < 1.0

@@ -10,6 +10,7 @@ import pytest
 
 import workbench.verification.report
 from workbench.metrics import Metric
+from workbench.verification.quantities import without_scale
 from workbench.verification.record_sections import stage_metrics
 from workbench.verification.report import report_html
 from workbench.verification.report_content import (
@@ -270,3 +271,31 @@ def test_metrics_of_all_stages_are_collected(records):
 
 def test_doctests_hold():
     assert doctest.testmod(workbench.verification.report).failed == 0
+
+
+def test_without_scale_no_length_is_in_metres(records, surface):
+    measured = np.abs(np.random.default_rng(3).normal(size=2000)) * 5e-5
+    with without_scale():
+        content = build_scan_report(
+            records,
+            surface,
+            project_name="A jug",
+            date="2025-03-04T10:09:12+00:00",
+            residuals={"samples_to_surface_m": measured},
+            samples_per_scan={"photo_1": 700, "photo_2": 300},
+            of_photographs=True,
+            picture_width_px=40,
+        )
+    page = Page(report_html(content))
+    assert not re.search(r"\d\u00a0?\s?(m|mm|µm|m²)\b", page.text)
+    assert "(mm)" not in page.text
+    assert "u/1000" in page.text
+    cards = {card["label"]: card for card in content.as_dict()["sections"][0]["blocks"][0]["cards"]}
+    assert cards["Scale"]["value"] == "no scale"
+    assert cards["Typical deviation"]["unit"] == "u"
+    assert all(entry.metric.unit not in ("m", "mm") for entry in content.metrics)
+    # Photographs are not called scans.
+    assert "2 photographs" in content.lead
+    coverage = next(one for one in content.sections if one.title == "Coverage")
+    assert "photograph" in coverage.intro
+    assert "scan" not in json.dumps([coverage.intro, coverage.blocks[0].plots[0].caption])

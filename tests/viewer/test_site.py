@@ -28,7 +28,9 @@ def test_a_site_tells_where_the_model_is_and_what_there_is_not(site: Site):
     np.testing.assert_allclose(scene["origin"], PLACE, atol=1e-6)
     np.testing.assert_allclose(scene["bounds"], [[-1, -1, -1], [1, 1, 1]], atol=2e-3)
     # All of the ball is seen from the first place: it fits into the angle of view.
-    away = np.linalg.norm(scene["home"]["eye"])
+    home = scene["home"]
+    away = np.linalg.norm(np.subtract(home["eye"], home["to"])) - np.linalg.norm(home["to"])
+    assert scene["unit"] == "m"
     assert np.arcsin(1 / away) < np.radians(scene["home"]["fov"]) / 2
     modes = {mode["mode"]: mode for mode in scene["modes"]}
     assert modes["surface"]["items"] == 20 * 4**5

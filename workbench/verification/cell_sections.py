@@ -19,7 +19,7 @@ from workbench.pointcodecs.codecs import CODECS
 from workbench.pointcodecs.cube_file import SUFFIX, read_point_cubes, write_point_cubes
 from workbench.pointcodecs.point_cells import PointCells
 from workbench.verification.figures import TradeoffPoint, tradeoff_figure
-from workbench.verification.quantities import shown_number
+from workbench.verification.quantities import shown_length, shown_number
 from workbench.verification.report_content import Column, Paragraph, Plot, Section, Table
 
 _LABELS = {
@@ -138,8 +138,8 @@ def cell_section(told: ExportedCells) -> Section:
     """The chapter on coded cells."""
     text = (
         f"The surface fills {shown_number(told.cells)} of {told.resolution}³ cells of "
-        f"{shown_number(1e3 * told.cell_size_m)} mm; their middles are at most "
-        f"{shown_number(1e3 * told.cell_size_m * 0.5 * np.sqrt(3.0))} mm from it. Coded by "
+        f"{shown_length(told.cell_size_m)}; their middles are at most "
+        f"{shown_length(told.cell_size_m * 0.5 * np.sqrt(3.0))} from it. Coded by "
         f"{_LABELS[told.codec]} they take {shown_number(told.file_bytes / 1e6)} MB in the file, "
         "colours and normals among them."
     )

@@ -14,7 +14,7 @@ from workbench.surface.provenance import INPAINTED, PHOTOGRAPHED, UNCOLORED
 from workbench.verification.color_truth import AlbedoComparison, ColorDifference
 from workbench.verification.distances import vertex_areas
 from workbench.verification.figures import SERIES
-from workbench.verification.quantities import shown_length, shown_number, shown_percent
+from workbench.verification.quantities import shown_length, shown_number, shown_percent, shown_unit
 from workbench.verification.report_content import (
     Block,
     Cell,
@@ -130,7 +130,7 @@ def _in_words(
 def _origin_table(shares: Mapping[int, float]) -> Table:
     total = sum(shares.values()) or float("nan")
     rows = tuple((_ORIGINS[kind], area, 100.0 * area / total) for kind, area in shares.items())
-    columns = (Column("Colour"), Column("Area", "m²"), Column("Share", "%", 2))
+    columns = (Column("Colour"), Column("Area", shown_unit("m²")), Column("Share", "%", 2))
     return Table(columns, rows, "The surface by the origin of its colours.")
 
 

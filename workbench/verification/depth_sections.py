@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from workbench.geometry.rangemap import RangeMap
 from workbench.verification.photo_sections import matted
+from workbench.verification.quantities import shown_unit
 from workbench.verification.report_content import (
     Block,
     Column,
@@ -49,12 +50,11 @@ def depth_section(inventory: Mapping[str, Any], shown: Sequence[ShownDepths]) ->
         if why_own
         else "Compared by COLMAP’s PatchMatch on a graphics card."
     )
-    unit = "" if inventory["scaled"] else " (in the photographs’ own unit: no scale)"
     blocks: list[Block] = [
         Paragraph(
             f"{len(maps)} photographs were compared with their neighbours, pixel by pixel. Kept is "
             "what the depth maps of several photographs agree on; its deviation along the ray is "
-            f"what the photographs differ by, or what the match leaves open{unit}. {matcher}"
+            f"what the photographs differ by, or what the match leaves open. {matcher}"
         ),
         Table(
             (
@@ -62,7 +62,7 @@ def depth_section(inventory: Mapping[str, Any], shown: Sequence[ShownDepths]) ->
                 Column("Depths", "", 0),
                 Column("Of the object", "%", 1),
                 Column("Others that agree", "", 1),
-                Column("Deviation", "mm" if inventory["scaled"] else "1/1000", 3),
+                Column("Deviation", shown_unit("mm"), 3),
             ),
             tuple(
                 (

@@ -24,13 +24,15 @@ from workbench.verification.truth import TruthComparison
 
 
 def fit_section(
-    residuals: Mapping[str, ArrayLike], samples_per_scan: Mapping[str, int] | None
+    residuals: Mapping[str, ArrayLike],
+    samples_per_scan: Mapping[str, int] | None,
+    of_photographs: bool = False,
 ) -> Section:
     """Residuals between scans and between samples and surface, as histograms and a table.
 
     Parameters
     ----------
-    residuals
+    residuals, of_photographs
         as for `scan_report.build_scan_report`.
     samples_per_scan
         scan name → number of samples; tells a single scan from silence.
@@ -45,6 +47,10 @@ def fit_section(
         caption = "Distance between overlapping scans before and after registration."
         plots.append(_residual_plot("registration", pairs, "Distance between scans", caption))
         rows += [(f"Between scans, {label}", DistanceSummary.of(v)) for label, v in pairs.items()]
+    elif of_photographs:
+        missing.append(
+            "Photographs are brought together by their orientation; how well stands in its chapter."
+        )
     elif samples_per_scan is not None and len(samples_per_scan) == 1:
         missing.append("There is one scan only, so that there was nothing to align.")
     else:
@@ -64,6 +70,8 @@ def fit_section(
     if missing:
         blocks.append(Paragraph(" ".join(missing)))
     intro = "How well the scans agree with each other and with the surface made from them."
+    if of_photographs:
+        intro = "How well the depth maps agree with the surface made from them."
     return Section("Residuals", intro, tuple(blocks))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workbench.geometry.framing import main_box
 from workbench.geometry.mesh import TriangleMesh
 from workbench.render import palette, shading
 from workbench.render.camera import Camera, UpAxis, orbit_camera, orbit_cameras
@@ -44,9 +45,12 @@ class FourSides:
     ) -> FourSides:
         """Frame the mesh; pictures are ``width_px`` wide and as tall as its shape asks for.
 
-        ``front_deg`` is the azimuth the front is seen from.
+        ``front_deg`` is the azimuth the front is seen from. Little that lies far off, as a wall
+        behind the object, makes it no smaller.
         """
         vertices = mesh.vertices[np.unique(mesh.triangles)]
+        low, high = main_box(vertices)
+        vertices = vertices[((vertices >= low) & (vertices <= high)).all(axis=1)]
         # A few thousand points frame as well as millions.
         vertices = vertices[:: max(1, len(vertices) // 20_000)]
         extent = vertices.max(axis=0) - vertices.min(axis=0)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from workbench.verification.camera_truth import CameraComparison
 from workbench.verification.photo_sections import matted
+from workbench.verification.quantities import shown_length, shown_unit
 from workbench.verification.report_content import (
     Block,
     Column,
@@ -132,9 +133,9 @@ def _in_words(poses: Mapping[str, Any]) -> str:
 def _against_truth(truth: CameraComparison) -> str:
     return (
         "Against the simulated cameras, in the scans’ frame: "
-        f"{1e3 * np.median(truth.center_m):.2f} mm and {np.median(truth.rotation_deg):.3f}° "
+        f"{shown_length(np.median(truth.center_m))} and {np.median(truth.rotation_deg):.3f}° "
         "in the median, "
-        f"{1e3 * truth.center_m.max():.2f} mm and {truth.rotation_deg.max():.3f}° at the most."
+        f"{shown_length(truth.center_m.max())} and {truth.rotation_deg.max():.3f}° at the most."
     )
 
 
@@ -152,7 +153,7 @@ def _table(poses: Mapping[str, Any]) -> Table:
     columns = (
         Column("photograph", style="code"),
         Column("points", decimals=0),
-        Column("place ±", "mm", 2),
+        Column("place ±", shown_unit("mm"), 2),
         Column("turn ±", "°", 3),
     )
     told = "Standard deviations from the noise of the points; neighbouring patches err together."

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 
 MISSING = "–"
+# A model of photographs alone may have no scale. Nobody who shows one of its lengths need know:
+# it is shown in the unit of the model, as long as `without_scale` is entered.
+_has_scale: ContextVar[bool] = ContextVar("_has_scale", default=True)
 
 
 @dataclass(frozen=True)
@@ -19,6 +25,29 @@ class LengthUnit:
 MICROMETRE = LengthUnit("µm", 1e6)
 MILLIMETRE = LengthUnit("mm", 1e3)
 METRE = LengthUnit("m", 1.0)
+THOUSANDTH = LengthUnit("u/1000", 1e3)
+OWN_UNIT = LengthUnit("u", 1.0)
+
+
+@contextmanager
+def without_scale() -> Iterator[None]:
+    """Within it lengths are shown in a unit of the model's own, u, for it has no scale."""
+    token = _has_scale.set(False)
+    try:
+        yield
+    finally:
+        _has_scale.reset(token)
+
+
+def has_scale() -> bool:
+    """Whether lengths that are shown are metres."""
+    return _has_scale.get()
+
+
+def shown_unit(symbol: str) -> str:
+    """The symbol of a unit as it is shown: ``u`` for ``m``, ``u²`` for ``m²`` without scale."""
+    lengths = {"m": "u", "m²": "u²", "mm": "u/1000"}
+    return symbol if has_scale() else lengths.get(symbol, symbol)
 
 
 def length_unit(typical_m: float) -> LengthUnit:
@@ -30,6 +59,8 @@ def length_unit(typical_m: float) -> LengthUnit:
     ('mm', 'µm', 'm')
     """
     size = abs(typical_m)
+    if not has_scale():
+        return THOUSANDTH if size < 0.5 else OWN_UNIT
     if 0 < size < 1e-5:
         return MICROMETRE
     return MILLIMETRE if size < 0.5 else METRE

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from workbench.metrics import Metric
 from workbench.verification.figures import bar_figure
-from workbench.verification.quantities import shown_bytes, shown_duration
+from workbench.verification.quantities import shown_bytes, shown_duration, shown_unit
 from workbench.verification.report_content import (
     Block,
     Cell,
@@ -30,10 +31,14 @@ LEFT_OUT = "left out"
 def stage_metrics(records: Sequence[Record]) -> tuple[StageMetric, ...]:
     """All metrics the stages measured, in their order."""
     return tuple(
-        StageMetric(record["stage"], Metric.from_dict(metric))
+        StageMetric(record["stage"], _in_shown_unit(Metric.from_dict(metric)))
         for record in records
         for metric in record.get("metrics", ())
     )
+
+
+def _in_shown_unit(metric: Metric) -> Metric:
+    return replace(metric, unit=shown_unit(metric.unit))
 
 
 def run_section(records: Sequence[Record]) -> Section:

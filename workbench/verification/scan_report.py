@@ -1,4 +1,4 @@
-"""The report on a model made from range scans."""
+"""The report on a model made from range scans, or from the depth maps of photographs."""
 
 from __future__ import annotations
 
@@ -20,10 +20,12 @@ from workbench.verification.distances import (
 from workbench.verification.figures import bar_figure, overlap_figure
 from workbench.verification.model_pictures import FourSides
 from workbench.verification.quantities import (
+    has_scale,
     length_unit,
     shown_length,
     shown_number,
     shown_percent,
+    shown_unit,
 )
 from workbench.verification.report_content import (
     Block,
@@ -54,6 +56,7 @@ def build_scan_report(
     residuals: Mapping[str, ArrayLike] | None = None,
     overlap: Overlap | None = None,
     samples_per_scan: Mapping[str, int] | None = None,
+    of_photographs: bool = False,
     truth: TriangleMesh | None = None,
     comparison: TruthComparison | None = None,
     reference_name: str = "known truth",
@@ -91,6 +94,8 @@ def build_scan_report(
         scan names and (n, n) shares of the row's scan that the column's scan saw too.
     samples_per_scan
         scan name → number of samples used.
+    of_photographs
+        whether what is called scans are depth maps of photographs.
     truth
         known true surface in the frame of ``surface``.
     comparison
@@ -114,8 +119,8 @@ def build_scan_report(
     sections = [
         _summary_section(surface, residuals, comparison, reference_name, records),
         _model_section(surface, sides, truth, reference_name),
-        fit_section(residuals, samples_per_scan),
-        _coverage_section(surface, overlap, samples_per_scan),
+        fit_section(residuals, samples_per_scan, of_photographs),
+        _coverage_section(surface, overlap, samples_per_scan, of_photographs),
         truth_section(comparison, reference_name),
         *further_sections,
         record_sections.warnings_section(records),
@@ -130,7 +135,7 @@ def build_scan_report(
         title="Verification report",
         project_name=project_name,
         date=date,
-        lead=_lead(surface, samples_per_scan),
+        lead=_lead(surface, samples_per_scan, of_photographs),
         sections=tuple(sections),
         metrics=metrics,
         cover=sides.cover(),
@@ -144,12 +149,16 @@ def measured_share(surface: TriangleMesh) -> float:
     return float(areas[measured_vertices(surface)].sum()) / total if total > 0 else float("nan")
 
 
-def _lead(surface: TriangleMesh, samples_per_scan: Mapping[str, int] | None) -> str:
+def _lead(
+    surface: TriangleMesh, samples_per_scan: Mapping[str, int] | None, of_photographs: bool
+) -> str:
     made_of = ""
     if samples_per_scan:
         scans = len(samples_per_scan)
         total = shown_number(sum(int(count) for count in samples_per_scan.values()))
         origin = f"{scans} range scans, joined in" if scans > 1 else "one range scan, made into"
+        if of_photographs:
+            origin = f"{scans} photographs, joined in"
         made_of = f"{total} samples of {origin} "
     triangles = shown_number(len(surface.triangles))
     text = f"{made_of}a surface of {triangles} triangles."
@@ -175,7 +184,7 @@ def _summary_section(
                 if "samples_to_surface_m" in residuals
                 else "Half of the measured surface lies this close to a sample or closer.",
                 number=median,
-                unit="m",
+                unit=shown_unit("m"),
             )
         )
     if "after_m" in residuals:
@@ -186,7 +195,7 @@ def _summary_section(
                 shown_length(median, digits=2),
                 "Median distance between overlapping scans after they were aligned.",
                 number=median,
-                unit="m",
+                unit=shown_unit("m"),
             )
         )
     if comparison is not None:
@@ -197,10 +206,12 @@ def _summary_section(
                 shown_length(rms, digits=2),
                 f"Root mean square distance of the measured surface from the {reference_name}.",
                 number=rms,
-                unit="m",
+                unit=shown_unit("m"),
             )
         )
     cards.append(_size_card(surface))
+    if not has_scale():
+        cards.append(_no_scale_card())
     warnings = sum(len(record.get("warnings", ())) for record in records)
     cards.append(
         Card(
@@ -258,6 +269,14 @@ def _size_card(surface: TriangleMesh) -> Card:
     return Card("Size", f"{sides}\u00a0{unit.symbol}", sentence)
 
 
+def _no_scale_card() -> Card:
+    sentence = (
+        "Photographs alone tell the shape, not how large it is: lengths are in a unit of the "
+        "model’s own, u. Coded markers or a known distance between cameras would tell."
+    )
+    return Card("Scale", "no scale", sentence, "attention", number=False)
+
+
 def _sample_distances(
     surface: TriangleMesh, residuals: Mapping[str, ArrayLike]
 ) -> NDArray[np.float64]:
@@ -310,8 +329,12 @@ def _model_section(
 
 
 def _coverage_section(
-    surface: TriangleMesh, overlap: Overlap | None, samples_per_scan: Mapping[str, int] | None
+    surface: TriangleMesh,
+    overlap: Overlap | None,
+    samples_per_scan: Mapping[str, int] | None,
+    of_photographs: bool,
 ) -> Section:
+    kind = "photograph" if of_photographs else "scan"
     blocks: list[Block] = []
     plots: list[Plot] = []
     missing: list[str] = []
@@ -322,11 +345,11 @@ def _coverage_section(
             "samples-per-scan",
             names,
             [("Samples", counts, lambda count: shown_number(int(count)))],
-            "Bars of the number of samples of each scan",
+            f"Bars of the number of samples of each {kind}",
         )
-        plots.append(Plot(svg, "Samples each scan contributed.", {"samples": samples_per_scan}))
+        plots.append(Plot(svg, f"Samples each {kind} contributed.", {"samples": samples_per_scan}))
     else:
-        missing.append("The number of samples of each scan was not recorded.")
+        missing.append(f"The number of samples of each {kind} was not recorded.")
     if overlap is not None and len(overlap[0]) > 1:
         names, shares = list(overlap[0]), np.asarray(overlap[1], float)
         svg = overlap_figure("overlap", names, shares, "Matrix of the overlap of the scans")
@@ -337,7 +360,7 @@ def _coverage_section(
         plots.append(Plot(svg, caption, {"scans": names, "overlap": shares}))
     elif samples_per_scan is not None and len(samples_per_scan) == 1:
         missing.append("A single scan has no overlap.")
-    else:
+    elif not of_photographs:
         missing.append("The overlap of the scans was not recorded.")
     if plots:
         blocks.append(PlotRow(tuple(plots)))
@@ -346,11 +369,12 @@ def _coverage_section(
         share = measured_share(surface)
         rows = (("measured", area * share, 100 * share),
                 ("infilled", area * (1 - share), 100 * (1 - share)))  # fmt: skip
-        columns = (Column("Surface"), Column("Area", "m²"), Column("Share", "%", 2))
+        columns = (Column("Surface"), Column("Area", shown_unit("m²")), Column("Share", "%", 2))
         blocks.append(Table(columns, rows, "The surface by origin."))
     if missing:
         blocks.append(Paragraph(" ".join(missing)))
-    return Section("Coverage", "What each scan saw, and how much they share.", tuple(blocks))
+    shared = "" if of_photographs else ", and how much they share"
+    return Section("Coverage", f"What each {kind} saw{shared}.", tuple(blocks))
 
 
 def _citation_section(citations: Sequence[str], reproducibility: str) -> Section:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from workbench.metrics import Metric
 from workbench.verification.figures import TradeoffPoint, tradeoff_figure
-from workbench.verification.quantities import shown_number
+from workbench.verification.quantities import shown_length, shown_number, shown_unit
 from workbench.verification.report_content import Block, Column, Paragraph, Plot, Section, Table
 from workbench.verification.surfel_errors import ChoiceFigures, PrefixFigures
 from workbench.verification.violins import violin_figure
@@ -55,7 +55,7 @@ def surfel_section(told: ExportedSurfels) -> Section:
         f"{'level' if told.levels == 1 else 'levels'}, {shown_number(told.file_bytes / 1e6)} MB in "
         "the file. Any prefix of a node's surfels covers its part of the surface evenly, so that "
         "a viewer draws as many as its picture needs. Those of the whole object are "
-        f"{shown_number(1e3 * told.median_distance)} mm apart in the median."
+        f"{shown_length(told.median_distance)} apart in the median."
     )
     blocks: list[Block] = [Paragraph(text)]
     if told.prefixes:
@@ -86,7 +86,7 @@ def _prefix_table(rows: Sequence[PrefixFigures]) -> Table:
     columns = (
         Column("Surfels"),
         Column("Size", "kB", 1),
-        Column("Radius", "mm", 3),
+        Column("Radius", shown_unit("mm"), 3),
         Column("Picture", "px"),
         Column("SSIM", decimals=3),
         Column("Holes", "%", 3),
@@ -110,7 +110,7 @@ def _prefix_table(rows: Sequence[PrefixFigures]) -> Table:
 def _prefix_plot(rows: Sequence[PrefixFigures]) -> Plot:
     points = [TradeoffPoint(str(row.count), 1e3 * row.drawn_s, 1e3 * row.radius) for row in rows]
     svg = tradeoff_figure(
-        points, "drawn in (ms)", "radius of discs (mm)", points[-1].name,
+        points, "drawn in (ms)", f"radius of discs ({shown_unit('mm')})", points[-1].name,
         name="surfel-prefixes", alt="Radius of discs against the time to draw them",
     )  # fmt: skip
     data = {row.name: {"milliseconds": row.x, "radius_mm": row.y} for row in points}

@@ -8,6 +8,7 @@ from typing import Any
 
 from workbench.metrics import Metric
 from workbench.verification.cost_figures import cost_figure
+from workbench.verification.quantities import shown_unit
 from workbench.verification.report_content import (
     Block,
     Cell,
@@ -96,8 +97,8 @@ def _unit(points: Sequence[Mapping[str, Any]]) -> tuple[str, float]:
     own = str(points[0]["error_unit"])
     metres, millimetres, factor = _MILLIMETRES
     if own == metres and max(point["error"] for point in points) < 0.1:
-        return millimetres, factor
-    return own, 1.0
+        return shown_unit(millimetres), factor
+    return shown_unit(own), 1.0
 
 
 def _plot(title: str, points: Sequence[Mapping[str, Any]], unit: str, factor: float) -> Plot:

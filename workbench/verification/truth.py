@@ -20,7 +20,7 @@ from workbench.verification.distances import (
     nearest_corners,
     signed_distances_m,
 )
-from workbench.verification.quantities import round_up_125
+from workbench.verification.quantities import round_up_125, shown_length
 
 # Shares of the truth's bounding-box diagonal at which completeness is told by default.
 _DEFAULT_THRESHOLDS = (2e-4, 5e-4, 1e-3, 2e-3)
@@ -77,7 +77,7 @@ class TruthComparison:
                     f"{name}_{threshold * 1e6:.0f}um",
                     100 * share,
                     "%",
-                    f"Share of the true area that has {kind} within {threshold * 1e3:.4g} mm.",
+                    f"Share of the true area that has {kind} within {shown_length(threshold)}.",
                 )
                 for threshold, share in pairs
             ]

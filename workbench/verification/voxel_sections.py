@@ -12,7 +12,7 @@ from workbench.formats.gltf import srgb_from_linear
 from workbench.metrics import Metric
 from workbench.render.palette import background
 from workbench.verification.figures import TradeoffPoint, tradeoff_figure
-from workbench.verification.quantities import shown_number
+from workbench.verification.quantities import shown_length, shown_number
 from workbench.verification.report_content import (
     Block,
     Cell,
@@ -81,7 +81,7 @@ def voxel_section(told: ExportedVoxels) -> Section:
     kind = f"a sparse voxel graph ({told.encoding})" if told.encoding else "levels of detail"
     text = (
         f"The surface is exported as {kind}: {shown_number(told.voxels)} voxels of "
-        f"{shown_number(1e3 * told.grid.voxel_size)} mm in a cube of {told.grid.resolution} a "
+        f"{shown_length(told.grid.voxel_size)} in a cube of {told.grid.resolution} a "
         f"side, {shown_number(told.file_bytes / 1e6)} MB in the file. "
     )
     if told.encoding:

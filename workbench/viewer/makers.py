@@ -53,7 +53,7 @@ def _voxels(exports: Exports, folder: Path, options: SiteOptions) -> Made:
     from workbench.voxels.lod_export import write_voxel_lod
 
     told = write_voxel_lod(exports.surface, folder / "surface.vlod", _voxel_options(options))
-    size = f"{told['voxels'] / 1e6:.1f} million voxels of {1e3 * told['voxel_size']:.2g} mm"
+    size = f"{told['voxels'] / 1e6:.1f} million voxels, {options.resolution} a side"
     return Made(told["voxels"], "voxels", f"{size}; levels of detail in {told['chunks']} chunks.")
 
 

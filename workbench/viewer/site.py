@@ -26,8 +26,11 @@ from numpy.typing import NDArray
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 from workbench.formats.point_files import point_stream
+from workbench.formats.point_stream import PointStream
+from workbench.geometry.framing import main_box
 from workbench.pipeline.progress import Progress
 from workbench.project.hashing import FileHashes, hash_of_value
+from workbench.project.photo_scale import scale_is_known
 from workbench.project.project import Project
 from workbench.project.store import ProductStore, require_inside
 from workbench.viewer.makers import REPRESENTATIONS
@@ -39,6 +42,8 @@ _MAKERS = 1
 _FOV_DEG = 35.0
 # The camera's first place: this far round from the front, this far up, degrees.
 _AZIMUTH_DEG, _ELEVATION_DEG = -60.0, 15.0
+# Vertices that tell what the first view holds.
+_FRAMING_POINTS = 100_000
 _UP = "z"
 
 
@@ -100,10 +105,12 @@ def build_site(project: Project, options: SiteOptions, progress: Progress) -> Si
     hashes.save()
     _remove_others(folder / DATA, kept)
     copy_page(folder)
+    store = project.store
+    poses = store.load("photo_poses") if store.exists("photo_poses") else None
     scene = {
         "version": 1,
         "name": project.name,
-        "unit": "m",
+        "unit": "m" if scale_is_known(poses) else "u",
         "up": _UP,
         **_placed(project),
         "light": "none" if modes[0]["mode"] == "textured" else "camera",
@@ -223,13 +230,17 @@ def _remove_others(folder: Path, kept: set[str]) -> None:
 
 def _placed(project: Project) -> dict[str, Any]:
     """Origin, bounds and the first view of a project's surface."""
-    low, high = model_bounds(project.store)
-    origin = 0.5 * (low + high)
-    size = high - low
+    vertices = _exported_vertices(project.store)
+    origin = 0.5 * (vertices.low + vertices.high)
+    every = max(1, vertices.count // _FRAMING_POINTS)
+    some = [batch.points[::every] for batch in vertices.batches()]
+    low, high = main_box(np.concatenate(some)) - origin
+    to = 0.5 * (low + high)
+    eye = to + _first_eye(high - low)
     return {
         "origin": origin.tolist(),
-        "bounds": [(low - origin).tolist(), (high - origin).tolist()],
-        "home": {"eye": _first_eye(size).tolist(), "to": [0.0, 0.0, 0.0], "fov": _FOV_DEG},
+        "bounds": [(vertices.low - origin).tolist(), (vertices.high - origin).tolist()],
+        "home": {"eye": eye.tolist(), "to": to.tolist(), "fov": _FOV_DEG},
     }
 
 
@@ -241,11 +252,15 @@ def model_bounds(store: ProductStore) -> tuple[NDArray[np.float64], NDArray[np.f
     InputError
         No surface was exported.
     """
+    vertices = _exported_vertices(store)
+    return vertices.low, vertices.high
+
+
+def _exported_vertices(store: ProductStore) -> PointStream:
     for name in ("surface_ply", "surface_glb", "textured_glb"):
         if store.exists(name):
             # Of a PLY the vertices alone are read, some at a time.
-            told = point_stream(store.path(name))
-            return told.low, told.high
+            return point_stream(store.path(name))
     raise InputError(
         "The project has no surface",
         file=store.root,
