@@ -111,7 +111,7 @@ def _free_photos(
             "light": None if name in unlit else _rounded(flash["light"]),
             "gain": float(np.exp(_nearest(np.log(gain), _GAIN_STEP))),
             **{k: getattr(options, k) for k in ("image_px", "normal_px", "border_px")},
-            "depth_map_px": options.depth_map_px,
+            **{k: getattr(options, k) for k in ("depth_map_px", "flatness_px")},
             "samples": samples,
             "doubt": options.doubt,
             "colors": colors,
@@ -252,6 +252,7 @@ TEXTURE = Stage(
     estimate=estimate,
     knobs=(
         Knob("depth_map_px", (64, 128, 256, 512), quick=(64, 128), fixed={"held_out": 2}),
+        Knob("flatness_px", (2.0, 1.0, 0.5, 0.0), quick=(), fixed={"held_out": 2}),
         Knob("most_candidates", (2, 4, 8, 16), quick=(), fixed={"held_out": 2}),
         Knob("edge_samples", (1, 2, 4), quick=(), fixed={"held_out": 2}),
         Knob("cycles", (0, 1, 2, 4), quick=(), fixed={"held_out": 2}),

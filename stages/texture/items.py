@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +65,7 @@ def free_photo(products: ItemProducts, payload: Payload) -> dict[str, Any]:
     else:
         with _sample_blocks(products, payload["samples"], small) as blocks:
             depth = depth_map_of_samples(blocks, small, whole)
+    depth = replace(depth, flatness_px=payload["flatness_px"])
     products.save("depth_maps", depth.arrays(), name)
     used = float((free[..., 3] > 0).sum() / max(int(view.seen.sum()), 1))
     return {"used": used, "doubted": doubted, "seconds": perf_counter() - start}

@@ -26,6 +26,13 @@ class TextureOptions(StageOptions):
         le=8192,
         description="Longer side of the depth maps (Arikan et al., 5.1: 256).",
     )
+    flatness_px: float = Field(
+        0.5,
+        ge=0.0,
+        le=10.0,
+        description="Depth meshes have larger triangles where that moves the surface by no more "
+        "than so many pixels' widths; 0 keeps two triangles to each square of pixels.",
+    )
     depth_from: Literal["surface", "samples"] = Field(
         "surface",
         description="What depth maps are made of: the surface by rays, or the samples as Gauss "

@@ -12,9 +12,10 @@ SIZE = (60, 40)
 CAMERA = camera_at((0, -4, 0), size=SIZE, focal=80.0, bend=0.0)
 
 
-def mesh_of(depth, closed=False):
-    usable = np.ones(depth.shape, bool)
-    return depth_mesh(DepthMap(CAMERA, np.asarray(depth, np.float32), usable, closed))
+def mesh_of(depth, closed=False, flatness_px=0.0, usable=None):
+    usable = np.ones(depth.shape, bool) if usable is None else usable
+    told = DepthMap(CAMERA, np.asarray(depth, np.float32), usable, closed, flatness_px)
+    return depth_mesh(told)
 
 
 def flat(depth=4.0):
@@ -120,3 +121,60 @@ def test_lonely_pixels_make_no_triangles():
     assert made.outer.tolist() == [True]
     normals, _ = face_normals_and_areas(made.mesh)
     assert normals[0, 1] < -0.99
+
+
+def test_flat_parts_take_fewer_triangles_and_borders_stay():
+    depth = flat()
+    depth[10:30, 20:40] = 3.0
+    depth[2:5, 50:53] = np.inf
+    every, fewer = mesh_of(depth), mesh_of(depth, flatness_px=0.5)
+    assert len(fewer.mesh.triangles) < 0.5 * len(every.mesh.triangles)
+    # The same borders, edge by edge, the same triangles at outer ones, the same area.
+    assert edge_census(fewer.mesh.triangles).misoriented_edges == 0
+    assert borders(fewer) == borders(every)
+    assert outer_ones(fewer) == outer_ones(every)
+    (normals, areas), (_, all_areas) = (face_normals_and_areas(m.mesh) for m in (fewer, every))
+    assert areas.sum() == pytest.approx(all_areas.sum())
+    np.testing.assert_allclose(normals, np.tile([0, -1, 0], (len(normals), 1)), atol=1e-5)
+
+
+def test_what_may_be_used_and_what_not_share_no_merged_triangle():
+    usable = np.ones((SIZE[1], SIZE[0]), bool)
+    usable[:, 33:] = False
+    made = mesh_of(flat(), flatness_px=0.5, usable=usable)
+    of_triangles = usable.ravel()[made.pixels[made.mesh.triangles]]
+    mixed = of_triangles.any(axis=1) & ~of_triangles.all(axis=1)
+    column = made.pixels[made.mesh.triangles] % SIZE[0]
+    assert mixed.sum() == 2 * (SIZE[1] - 1)
+    assert set(column[mixed].ravel()) == {32, 33}
+
+
+def test_a_curved_part_keeps_its_triangles_and_the_mesh_stays_near_it():
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    depth = 4.0 + 0.3 * np.sin(x / 4.0) * (y > 20)
+    made = mesh_of(depth, flatness_px=0.5)
+    counts = [len(mesh_of(depth, flatness_px=f).mesh.triangles) for f in (0.0, 0.1, 0.5, 2.0)]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] < counts[0]
+    careful = mesh_of(depth, flatness_px=0.05)
+    assert (careful.pixels[careful.mesh.triangles].min(axis=1) // SIZE[0] > 20).mean() > 0.65
+    rows = made.pixels[made.mesh.triangles].min(axis=1) // SIZE[0]
+    middles = made.mesh.vertices[made.mesh.triangles].mean(axis=1)
+    pixels, _ = CAMERA.project(middles)
+    seen = 4.0 + 0.3 * np.sin((pixels[:, 0] - 0.5) / 4.0) * (pixels[:, 1] - 0.5 > 20)
+    below = rows > 21
+    off = np.abs(middles[below, 1] + 4.0 - seen[below])
+    # A pixel is a twentieth wide at 4.
+    assert off.max() < 2.0 * 0.5 * 0.05
+
+
+def borders(made):
+    """Edges of one triangle, as pixels."""
+    corners = made.pixels[made.mesh.triangles]
+    edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]))
+    once, count = np.unique(edges, axis=0, return_counts=True)
+    return set(map(tuple, once[count == 1].tolist()))
+
+
+def outer_ones(made):
+    return set(map(tuple, made.pixels[made.mesh.triangles[made.outer]].tolist()))

@@ -44,12 +44,15 @@ class DepthMap:
     depth : (h, w) float32 along the camera's axis, infinite where nothing is seen.
     usable : (h, w) whether all that the photograph has in this pixel may be used.
     closed : whether the scene has no holes of its own: where nothing is seen, nothing is.
+    flatness_px : its mesh has fewer triangles where leaving some out moves the surface by no more
+        than so many pixels' widths at each vertex left out; 0 leaves out none.
     """
 
     camera: PhotoCamera
     depth: NDArray[np.float32]
     usable: NDArray[np.bool_]
     closed: bool
+    flatness_px: float = 0.0
 
     def __post_init__(self) -> None:
         size = (self.camera.height, self.camera.width)
@@ -143,6 +146,7 @@ class DepthMap:
             "depth": self.depth,
             "usable": np.packbits(self.usable),
             "closed": np.array(self.closed),
+            "flatness_px": np.array(self.flatness_px),
         }
 
     @classmethod
@@ -152,7 +156,13 @@ class DepthMap:
         height, width = depth.shape
         usable = np.unpackbits(arrays["usable"], count=depth.size).astype(bool)
         small = reduced_camera(camera, width, height)
-        return cls(small, depth, usable.reshape(depth.shape), bool(arrays["closed"]))
+        return cls(
+            small,
+            depth,
+            usable.reshape(depth.shape),
+            bool(arrays["closed"]),
+            float(arrays["flatness_px"]),
+        )
 
 
 def small_camera(camera: PhotoCamera, long_side: int) -> PhotoCamera:
