@@ -136,6 +136,8 @@ def test_flat_parts_take_fewer_triangles_and_borders_stay():
     (normals, areas), (_, all_areas) = (face_normals_and_areas(m.mesh) for m in (fewer, every))
     assert areas.sum() == pytest.approx(all_areas.sum())
     np.testing.assert_allclose(normals, np.tile([0, -1, 0], (len(normals), 1)), atol=1e-5)
+    # Larger triangles are of as many samples, not of coarser ones: a pixel is 1/80 wide at 1.
+    np.testing.assert_allclose(np.unique(fewer.spacing.round(5)), [3.0 / 80.0, 4.0 / 80.0])
 
 
 def test_what_may_be_used_and_what_not_share_no_merged_triangle():

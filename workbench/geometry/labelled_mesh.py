@@ -27,6 +27,8 @@ class LabelledMesh:
     foreground : (m,) whether the photograph is the one the mesh was made for (Arikan, 5.2.1);
         everywhere true in a mesh that was made for none.
     penalties : (m,) float32 data cost of the choice per area, eq. 2 without σ; smaller is better.
+    spacing : (m,) float32 how far the samples that a triangle is made of lie apart, metres; None
+        where these are its corners. Never stored.
 
     Raises
     ------
@@ -37,11 +39,13 @@ class LabelledMesh:
     labels: NDArray[np.int32]
     foreground: NDArray[np.bool_]
     penalties: NDArray[np.float32]
+    spacing: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         m = len(self.mesh.triangles)
         found = [len(self.labels), len(self.foreground), len(self.penalties)]
-        if found != [m, m, m]:
+        found += [] if self.spacing is None else [len(self.spacing)]
+        if set(found) != {m}:
             raise InputError(
                 "labels do not belong to the mesh", expected=f"{m} triangles", found=str(found)
             )

@@ -45,7 +45,7 @@ def _bent(nearness: NDArray[np.float64], aj: int, ai: int, bj: int, bi: int) -> 
     middle = nearness[(aj + bj) // 2, (ai + bi) // 2]
     if middle <= 0.0 or nearness[aj, ai] <= 0.0 or nearness[bj, bi] <= 0.0:
         return np.inf
-    return abs(middle - 0.5 * (nearness[aj, ai] + nearness[bj, bi])) / middle
+    return float(abs(middle - 0.5 * (nearness[aj, ai] + nearness[bj, bi])) / middle)
 
 
 @njit(cache=True, nogil=True)

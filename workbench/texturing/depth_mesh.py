@@ -32,12 +32,15 @@ class DepthMesh:
     mesh : one vertex for each pixel that has a triangle, rows first; counter-clockwise as the
         camera sees it.
     pixels : (n,) int64 the vertices' pixels, numbered row by row.
+    spacing : (m,) float32 how far apart neighbouring pixels lie on each triangle, in the direction
+        in which they lie furthest apart of its edges', metres.
     outer : (m,) whether a triangle has an edge where the mesh ends at a step in depth, at a
         silhouette or at the picture's edge, and not at a hole in the data.
     """
 
     mesh: TriangleMesh
     pixels: NDArray[np.int64]
+    spacing: NDArray[np.float32]
     outer: NDArray[np.bool_]
 
 
@@ -70,7 +73,18 @@ def depth_mesh(depth_map: DepthMap) -> DepthMesh:
     number = np.full(depth_map.depth.size, -1, np.int32)
     number[pixels] = np.arange(len(pixels), dtype=np.int32)
     mesh = TriangleMesh(depth_map.places(pixels, depth_map.fitted), number[corners])
-    return DepthMesh(mesh, pixels, outer)
+    return DepthMesh(mesh, pixels, _spacing(mesh, pixels, width), outer)
+
+
+def _spacing(mesh: TriangleMesh, pixels: NDArray[np.int64], width: int) -> NDArray[np.float32]:
+    places = np.column_stack(np.divmod(pixels, width)).astype(np.float64)
+    widest = np.zeros(len(mesh.triangles))
+    for k in range(3):
+        one, other = mesh.triangles[:, k], mesh.triangles[:, (k + 1) % 3]
+        apart = np.linalg.norm(mesh.vertices[one] - mesh.vertices[other], axis=1)
+        apart /= np.linalg.norm(places[one] - places[other], axis=1)
+        np.maximum(widest, apart, out=widest)
+    return widest.astype(np.float32)
 
 
 def _free(depth_map: DepthMap) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from workbench.kernels.edge_colors import read_points
 from workbench.texturing.candidates import Candidates, candidates_of
 from workbench.texturing.cost_options import CostOptions
 from workbench.texturing.depth_map import DepthMap
-from workbench.texturing.depth_mesh import depth_mesh
+from workbench.texturing.depth_mesh import DepthMesh, depth_mesh
 from workbench.texturing.expansion import expanded
 from workbench.texturing.labelling import Labelling, by_photo
 from workbench.texturing.texture_costs import texture_problem
@@ -91,7 +91,7 @@ def labelled_depth_mesh(
     chosen = problem.rows(labelling.labels)
     penalties = np.full(len(chosen), np.inf, np.float32)
     penalties[chosen >= 0] = candidates.penalties[chosen[chosen >= 0]]
-    labelled = _labelled(photo, made.mesh, labelling.labels, penalties, color)
+    labelled = _labelled(photo, made, labelling.labels, penalties, color)
     return LabelledDepthMesh(
         labelled, labelling, int(made.outer.sum()), np.unique(candidates.labels),
         len(candidates.labels), halfway - start, perf_counter() - halfway,
@@ -103,7 +103,7 @@ def labelled_again(
 ) -> LabelledMesh:
     """The labelled mesh of a photograph from its depth map and what was stored beside it."""
     return _labelled(
-        photo, depth_mesh(depth_map).mesh, arrays["labels"], arrays["penalties"], arrays["color"]
+        photo, depth_mesh(depth_map), arrays["labels"], arrays["penalties"], arrays["color"]
     )
 
 
@@ -153,10 +153,11 @@ def which_see(depth_maps: Mapping[int, DepthMap]) -> dict[int, tuple[int, ...]]:
 
 def _labelled(
     photo: int,
-    mesh: TriangleMesh,
+    made: DepthMesh,
     labels: NDArray[np.int32],
     penalties: NDArray[np.float32],
     color: NDArray[np.uint8],
 ) -> LabelledMesh:
     foreground = (labels == photo) & (labels != NO_PHOTO)
-    return LabelledMesh(mesh.with_attributes(color=color), labels, foreground, penalties)
+    mesh = made.mesh.with_attributes(color=color)
+    return LabelledMesh(mesh, labels, foreground, penalties, made.spacing)

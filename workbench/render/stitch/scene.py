@@ -34,8 +34,8 @@ class StitchScene:
     vertex_starts : (k + 1,) int64 likewise of the vertices.
     labels, foreground, penalties : (t,) as in `LabelledMesh`; a penalty is infinite where there is
         no photograph.
-    coarseness : (t,) float32 longest edge of each triangle over the median of all, at most 5: how
-        poorly a mesh samples the surface where it sees it from afar or from the side.
+    coarseness : (t,) float32 spacing of the samples of each triangle over the median of all, at
+        most 5: how poorly a mesh samples the surface where it sees it from afar or from the side.
     epsilon : fragments at most this far behind the front-most show the same surface, metres.
     """
 
@@ -72,7 +72,7 @@ class StitchScene:
         ----------
         meshes : each oriented towards its photograph; one without vertex attribute ``color`` is
             grey where it has no photograph.
-        epsilon : metres; by default three times the median length of the meshes' edges.
+        epsilon : metres; by default three times the median spacing of the meshes' samples.
 
         Raises
         ------
@@ -90,6 +90,8 @@ class StitchScene:
             np.zeros((0, 3), np.int32),
         )
         penalties = _joined([mesh.penalties for mesh in meshes], np.zeros(0, np.float32))
+        spacing = _joined([_spacing(mesh) for mesh in meshes], np.zeros(0, np.float32))
+        usual = float(np.median(spacing)) if len(spacing) else 0.0
         if not np.isfinite(vertices).all():
             raise InputError("a mesh has vertices that are not finite", fix="make the meshes again")
         if np.isnan(penalties).any():
@@ -103,8 +105,8 @@ class StitchScene:
             _joined([mesh.labels for mesh in meshes], np.zeros(0, np.int32)),
             _joined([mesh.foreground for mesh in meshes], np.zeros(0, bool)),
             penalties,
-            _coarseness(vertices, triangles),
-            _EPSILON_SPACINGS * _median_edge(vertices, triangles) if epsilon is None else epsilon,
+            np.minimum(spacing / np.float32(usual or 1.0), np.float32(_COARSEST)),
+            _EPSILON_SPACINGS * usual if epsilon is None else epsilon,
         )
 
 
@@ -122,17 +124,12 @@ def _colors(mesh: LabelledMesh) -> NDArray[np.uint8]:
     return np.full(shape, _GREY, np.uint8) if colors is None else colors[:, :3]
 
 
-def _coarseness(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float32]:
+def _spacing(labelled: LabelledMesh) -> NDArray[np.float32]:
+    if labelled.spacing is not None:
+        return labelled.spacing
+    vertices, triangles = labelled.mesh.vertices, labelled.mesh.triangles
     longest = np.zeros(len(triangles))
     for k in range(3):
         edge = vertices[triangles[:, k]] - vertices[triangles[:, (k + 1) % 3]]
         np.maximum(longest, np.linalg.norm(edge, axis=1), out=longest)
-    usual = float(np.median(longest)) if len(longest) else 0.0
-    return np.minimum(longest / (usual or 1.0), _COARSEST).astype(np.float32)
-
-
-def _median_edge(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> float:
-    if not len(triangles):
-        return 0.0
-    one, other = vertices[triangles[:, 0]], vertices[triangles[:, 1]]
-    return float(np.median(np.linalg.norm(one - other, axis=1)))
+    return longest.astype(np.float32)
