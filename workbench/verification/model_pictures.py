@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workbench.geometry.framing import main_box
+from workbench.geometry.framing import main_vertices
 from workbench.geometry.mesh import TriangleMesh
 from workbench.render import palette, shading
 from workbench.render.camera import Camera, UpAxis, orbit_camera, orbit_cameras
@@ -16,7 +16,7 @@ from workbench.render.palette import ColorScale
 from workbench.render.raycast import RayScene
 from workbench.render.shading import View
 from workbench.verification.figures import color_bar_figure
-from workbench.verification.quantities import length_unit, round_up_125
+from workbench.verification.quantities import length_unit, round_up_125, shown_percent
 from workbench.verification.report_content import LegendEntry, Picture, PictureRow
 
 SIDES = {"front": 0.0, "right": 90.0, "back": 180.0, "left": 270.0}
@@ -33,11 +33,13 @@ class FourSides:
     scene : the mesh.
     views : side → view.
     cover_camera : where the three-quarter view is taken from.
+    left_out : share of the vertices, in small pieces far off, that nothing was framed for.
     """
 
     scene: RayScene
     views: dict[str, View]
     cover_camera: Camera
+    left_out: float
 
     @classmethod
     def of(
@@ -45,12 +47,12 @@ class FourSides:
     ) -> FourSides:
         """Frame the mesh; pictures are ``width_px`` wide and as tall as its shape asks for.
 
-        ``front_deg`` is the azimuth the front is seen from. Little that lies far off, as a wall
-        behind the object, makes it no smaller.
+        ``front_deg`` is the azimuth the front is seen from. A small piece that lies far off, as a
+        wall behind the object, makes it no smaller.
         """
-        vertices = mesh.vertices[np.unique(mesh.triangles)]
-        low, high = main_box(vertices)
-        vertices = vertices[((vertices >= low) & (vertices <= high)).all(axis=1)]
+        used = np.unique(mesh.triangles)
+        framed = main_vertices(mesh)[used]
+        vertices = mesh.vertices[used[framed]]
         # A few thousand points frame as well as millions.
         vertices = vertices[:: max(1, len(vertices) // 20_000)]
         extent = vertices.max(axis=0) - vertices.min(axis=0)
@@ -71,7 +73,7 @@ class FourSides:
         )
         scene = RayScene.of(mesh)
         views = (View.of(scene, camera, ambient_rays=_AMBIENT_RAYS) for camera in cameras)
-        return cls(scene, dict(zip(SIDES, views, strict=True)), cover)
+        return cls(scene, dict(zip(SIDES, views, strict=True)), cover, 1.0 - float(framed.mean()))
 
     def cover(self) -> Picture:
         """A larger three-quarter view of the shape."""
@@ -80,10 +82,13 @@ class FourSides:
 
     def lit(self) -> PictureRow:
         """The shape alone."""
-        return PictureRow(
-            self._pictures(shading.lit, "shape"),
-            "The shape, evenly coloured, from four sides at one scale.",
-        )
+        told = "The shape, evenly coloured, from four sides at one scale."
+        if self.left_out > 0.0:
+            told += (
+                f" Small pieces far off, {shown_percent(self.left_out)} of the vertices, may be "
+                "beyond the pictures."
+            )
+        return PictureRow(self._pictures(shading.lit, "shape"), told)
 
     def colored(self) -> PictureRow:
         """The colours of the vertices; the mesh needs a ``color`` attribute."""
