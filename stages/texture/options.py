@@ -27,7 +27,7 @@ class TextureOptions(StageOptions):
         description="Longer side of the depth maps (Arikan et al., 5.1: 256).",
     )
     flatness_px: float = Field(
-        0.5,
+        0.0,
         ge=0.0,
         le=10.0,
         description="Depth meshes have larger triangles where that moves the surface by no more "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ def _numbered(mesh: LabelledMesh, own: list[str], names: tuple[str, ...]) -> Lab
     table = np.array([number[name] for name in own] + [-1], np.int32)
     # What no photograph shows loses against whatever one does.
     penalties = np.minimum(mesh.penalties, _LARGEST)
-    return LabelledMesh(mesh.mesh, table[mesh.labels], mesh.foreground, penalties)
+    return replace(mesh, labels=table[mesh.labels], penalties=penalties)
 
 
 def _completed(labelled: LabelledMesh, colored: TriangleMesh) -> LabelledMesh:
@@ -86,6 +86,4 @@ def _completed(labelled: LabelledMesh, colored: TriangleMesh) -> LabelledMesh:
     own = np.array(mesh.vertex_attributes["color"])
     nearest = cKDTree(colored.vertices).query(mesh.vertices[~shown])[1]
     own[~shown] = colored.vertex_attributes["color"][nearest]
-    return LabelledMesh(
-        mesh.with_attributes(color=own), labelled.labels, labelled.foreground, labelled.penalties
-    )
+    return replace(labelled, mesh=mesh.with_attributes(color=own))

@@ -199,8 +199,12 @@ def test_triangles_without_photograph_lose_and_do_no_harm():
 def test_epsilon_follows_the_sampling_of_the_meshes():
     fine, coarse = StitchScene.of([labelled(wall(cells=64))]), StitchScene.of([labelled(wall())])
     assert coarse.epsilon == pytest.approx(8 * fine.epsilon)
-    # Half of the triangles' first edges are sides, the others diagonals.
-    assert 3 * 4.0 / 64 < fine.epsilon < 3 * np.sqrt(2) * 4.0 / 64
+    # Of a mesh that tells no spacing the longest edges, here the diagonals, stand for it.
+    assert fine.epsilon == pytest.approx(6 * np.sqrt(2) * 4.0 / 64)
+    told = replace(
+        labelled(wall()), spacing=np.full(len(labelled(wall()).labels), 0.25, np.float32)
+    )
+    assert StitchScene.of([told]).epsilon == pytest.approx(6 * 0.25)
 
 
 def test_settings_have_bounds():

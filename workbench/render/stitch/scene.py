@@ -14,7 +14,7 @@ from workbench.geometry.labelled_mesh import LabelledMesh
 
 # Depth meshes of one surface lie apart by a part of their sampling; along a grazing line of
 # sight that is several times as much. Arikan's table 3 has about as much: 0.1 m in rooms.
-_EPSILON_SPACINGS = 3.0
+_EPSILON_SPACINGS = 6.0
 _GREY = 128
 _COARSEST = 5.0
 
@@ -72,7 +72,7 @@ class StitchScene:
         ----------
         meshes : each oriented towards its photograph; one without vertex attribute ``color`` is
             grey where it has no photograph.
-        epsilon : metres; by default three times the median spacing of the meshes' samples.
+        epsilon : metres; by default six times the median spacing of the meshes' samples.
 
         Raises
         ------
