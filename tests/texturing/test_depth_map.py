@@ -1,6 +1,6 @@
 """Depths of surfaces and of samples, and what lies on them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -83,7 +83,10 @@ def test_stored_and_read_again_it_is_the_same(sphere):
     usable = np.random.default_rng(0).random((171, 228)) < 0.9
     small = small_camera(camera, 228)
     one = depth_map_of_surface(SurfaceRays(sphere()), small, usable, True)
+    one = replace(one, flatness_px=0.5)
     again = DepthMap.from_arrays(camera, one.arrays())
+    earlier = {name: array for name, array in one.arrays().items() if name != "flatness_px"}
+    assert DepthMap.from_arrays(camera, earlier).flatness_px == 0.0
     assert (again.usable == usable).all()
     assert again.closed
     assert depth_mesh(again).mesh.vertices.tobytes() == depth_mesh(one).mesh.vertices.tobytes()

@@ -161,7 +161,8 @@ class DepthMap:
             depth,
             usable.reshape(depth.shape),
             bool(arrays["closed"]),
-            float(arrays["flatness_px"]),
+            # Maps of earlier projects tell none: their meshes have all triangles.
+            float(arrays["flatness_px"]) if "flatness_px" in arrays else 0.0,
         )
 
 
