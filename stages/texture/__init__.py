@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 # shares of the distance, degrees, and coefficients of the beam.
 _GAIN_STEP, _PLACE_STEP, _ANGLE_STEP, _BEAM_STEP = 0.005, 0.0025, 0.5, 0.005
 
+# Options that what is made of each photograph by itself depends on.
+_OF_PHOTOS = ("image_px", "normal_px", "border_px", "depth_map_px", "flatness_px")
+
 
 def needed(scene: Scene, options: TextureOptions) -> Need:
     if not (options.depth_meshes or options.single_mesh):
@@ -110,8 +113,7 @@ def _free_photos(
             "space": flash["space"],
             "light": None if name in unlit else _rounded(flash["light"]),
             "gain": float(np.exp(_nearest(np.log(gain), _GAIN_STEP))),
-            **{k: getattr(options, k) for k in ("image_px", "normal_px", "border_px")},
-            **{k: getattr(options, k) for k in ("depth_map_px", "flatness_px")},
+            **{k: getattr(options, k) for k in _OF_PHOTOS},
             "samples": samples,
             "doubt": options.doubt,
             "colors": colors,

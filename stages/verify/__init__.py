@@ -23,6 +23,7 @@ from stages.verify.masks import masks_chapter
 from stages.verify.options import VerifyOptions
 from stages.verify.orientation import orientation_chapter
 from stages.verify.photographed import depths_chapter, photographed_truth
+from stages.verify.photographs import photographs_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
 from stages.verify.texturing import texture_chapter
 from stages.verify.voxels import voxel_chapter
@@ -52,8 +53,6 @@ _REPRODUCIBILITY = (
     "hold the hash of every input and product."
 )
 
-
-_TRUTHS_SHOWN = 2
 # More samples change no figure that is shown.
 _SAMPLES_COMPARED = 2_000_000
 
@@ -93,7 +92,7 @@ def _verified(job: Job[VerifyOptions]) -> StageResult:
     records = [products.load("records", item) for item in _in_order(job)]
     records += [{"stage": s, "state": "left out", "reason": r} for s, r in job.left_out.items()]
     own = {"stage": "verify", "metrics": [m.as_dict() for m in metrics], "warnings": warnings}
-    photographs, unread = _photographs(job, records)
+    photographs, unread = photographs_chapter(products, records)
     masks, found = masks_chapter(job.products, job.scene.truth)
     metrics += found
     cameras, found = orientation_chapter(products, surface, known.model_from_local)
@@ -287,37 +286,6 @@ def _known(job: Job[VerifyOptions], surface: TriangleMesh) -> _Known:
     reference = read_surface(paths[0])
     reference = replace(reference, vertices=reference.vertices - origin)
     return _Known(reference, None, paths[0].name, tuple(reference_metrics(surface, reference)))
-
-
-def _photographs(
-    job: Job[VerifyOptions], records: list[dict[str, Any]]
-) -> tuple[tuple[Section, ...], list[str]]:
-    """The section on the photographs, where there are any, and warnings."""
-    from workbench.verification.photo_sections import PhotoTruth, evenly_chosen, photographs_section
-
-    products, paths = job.products, job.products.input_paths("photo_files")
-    if not paths:
-        return (), []
-    names = {path.name for path in paths}
-    used_by = [
-        record["stage"]
-        for record in records
-        if any(Path(entry["path"]).name in names for entry in record.get("inputs", ()))
-    ]
-    masked = set(products.items("truth_object"))
-    truths = [
-        PhotoTruth(
-            photo,
-            products.load_if_there("truth_albedo", photo.stem),
-            *(
-                products.load(name, photo.stem)
-                for name in ("truth_object", "truth_support", "truth_shadow")
-            ),
-        )
-        for photo in evenly_chosen([path for path in paths if path.stem in masked], _TRUTHS_SHOWN)
-    ]
-    section, warnings = photographs_section(paths, used_by, truths)
-    return (section,), warnings
 
 
 def _colors(

@@ -72,7 +72,8 @@ def photographed_places(products: Products) -> NDArray[np.float64] | NotMeasured
     if products.load_if_there("truth_cameras") is None:
         return NotMeasured("no true cameras to bring the truth to the photographs by")
     known, found = _cameras(products, "truth_cameras"), _cameras(products, "oriented_images")
-    brought = _brought(known, found, scaled=True) if _scaled(products) else None
+    scaled = scale_is_known(products.load("photo_poses"))
+    brought = _brought(known, found, scaled) if scaled else None
     if brought is None:
         return NotMeasured("the photographs have no scale, or too few of them have a camera")
     truth = _true_object(products)
@@ -89,7 +90,7 @@ def photographed_truth(
     from workbench.verification.truth import compare_to_truth
 
     known, found = _cameras(products, "truth_cameras"), _cameras(products, "oriented_images")
-    scaled = _scaled(products)
+    scaled = scale_is_known(products.load("photo_poses"))
     model_from_world = _brought(known, found, scaled)
     if model_from_world is None:
         return None
@@ -108,11 +109,6 @@ def _cameras(products: Products, artefact: str) -> dict[str, PhotoCamera]:
     from workbench.formats.colmap import read_colmap_text
 
     return read_colmap_text(Path(products.load(artefact)).parent).photo_cameras()
-
-
-def _scaled(products: Products) -> bool:
-    """Whether the photographs' model is in metres."""
-    return scale_is_known(products.load("photo_poses"))
 
 
 def _true_object(products: Products) -> TriangleMesh:
