@@ -36,7 +36,7 @@ test: check
 	$(PYTEST) -m "not slow"
 
 test-full: check
-	$(PYTEST)
+	$(PYTEST) -o faulthandler_timeout=3600
 
 # Readers against damaged files: all of them, or make fuzz READER="ply ptx" EXECUTIONS=1000000.
 # ENGINE=atheris is guided by coverage; it takes pip install --editable '.[fuzz]'.

@@ -161,6 +161,24 @@ def impatient(project, monkeypatch) -> Iterator[object]:
     thread.join()
 
 
+def test_it_ends_whenever_it_is_stopped(project):
+    for turn in range(60):
+        server = mask_editor_server(project)
+        thread = threading.Thread(target=server.serve, daemon=True)
+        if turn % 3:
+            thread.start()
+        if turn % 3 == 2:
+            time.sleep(1e-4 * turn)
+        server.stop()
+        if not turn % 3:
+            thread.start()
+        thread.join(20.0)
+        assert not thread.is_alive()
+        server.stop()
+        with pytest.raises(ConnectionRefusedError):
+            connected(server)
+
+
 @pytest.mark.parametrize("part", ["nothing", "headers", "body"])
 def test_who_stops_sending_is_let_go(impatient, part):
     line = "PUT /TOKEN/api/photo/a/mask?role=training HTTP/1.1"

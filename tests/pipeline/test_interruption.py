@@ -21,8 +21,10 @@ from workbench.pipeline.records import RecordFolder
 from workbench.project.lock import project_lock
 from workbench.project.project import Project
 
+# A shell's background jobs are deaf to Ctrl-C, and so would be what they start.
 SCRIPT = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {folder!r})
 from fake_pipeline import PIPELINE
 from workbench.cli import run_cli
@@ -42,8 +44,6 @@ def start(arguments: list[str], **environment: str) -> subprocess.Popen:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell's background jobs are deaf to Ctrl-C, and so would be what they start.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
 
 

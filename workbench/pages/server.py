@@ -13,7 +13,9 @@ import hmac
 import json
 import secrets
 import socket
+import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -110,6 +112,8 @@ class PageServer:
         self._http: HTTPServer | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped = asyncio.Event()
+        self._starting = threading.Lock()
+        self._is_over = False
         shared: dict[str, Any] = {"server": self}
         patterns: list[Any] = [
             (f"/([^/]+)/{pattern}", handler, shared | arguments)
@@ -165,13 +169,21 @@ class PageServer:
 
     def stop(self) -> None:
         """End `serve`, from whatever thread, and give the ports back."""
-        if self._loop is None:
+        with self._starting:
+            self._is_over = True
+            loop = self._loop
+        if loop is None:
             self._close()
         else:
-            self._loop.call_soon_threadsafe(self._stopped.set)
+            with suppress(RuntimeError):  # it has ended already
+                loop.call_soon_threadsafe(self._stopped.set)
 
     async def _answering(self) -> None:
-        self._loop = asyncio.get_running_loop()
+        # Another thread may stop what is about to start.
+        with self._starting:
+            if self._is_over:
+                return
+            self._loop = asyncio.get_running_loop()
         self._http = HTTPServer(
             self._application,
             max_body_size=LARGEST_BODY_BYTES,
