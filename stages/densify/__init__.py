@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stages.densify.coverage import Coverage, measured_coverage
 from stages.densify.items import better_estimate, estimate_depth, make_range_map, make_view
 from stages.densify.options import DensifyOptions
-from workbench.errors import InputError
+from workbench.errors import InputError, SettingsError
 from workbench.metrics import Metric
 from workbench.pipeline.knobs import Knob
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
@@ -21,16 +22,31 @@ from workbench.project.project import Scene
 
 if TYPE_CHECKING:
     from workbench.geometry.photo_camera import PhotoCamera
+    from workbench.stereo.choice import SeenPoints
 
 # A view, its estimate and what the search holds, bytes a pixel; one per neighbour besides.
 _OWN_BYTES, _NEIGHBOUR_BYTES, _STORED_BYTES = 120, 60, 60
+# What is held of a scan to tell what it covers.
+_SCAN_BYTES = 2**25
 
 
 def needed(scene: Scene, options: DensifyOptions) -> Need:
     if scene.geometry:
         return Need(False, "the surface was made elsewhere")
+    if options.fill == "missed" and scene.scans and scene.photos and not scene.photos_fill:
+        raise SettingsError(
+            "Photographs cannot fill what the scans missed: nothing places them before there is "
+            "a surface",
+            found=f"{scene.photos} photographs, neither --cameras nor alignment.toml",
+            expected="three photographs or more, with cameras in the scans' frame or places picked",
+            fix="pick three to five places on the scans and in photographs in alignment.toml, or "
+            "take densify.fill away",
+        )
+    if scene.photos_fill:
+        return Need(True, f"what the scans missed, from {scene.photos} photographs")
     if scene.scans:
-        return Need(False, "the scans tell the surface")
+        filled = "; densify.fill=missed fills what they missed" if scene.photos else ""
+        return Need(False, f"the scans tell the surface{filled}")
     if not scene.has_surface:
         return Need(False, "fewer than three photographs")
     return Need(True, f"the shape from {scene.photos} photographs")
@@ -38,14 +54,16 @@ def needed(scene: Scene, options: DensifyOptions) -> Need:
 
 def estimate(scene: Scene, options: DensifyOptions) -> Estimate:
     pixels = options.image_px**2
+    held = scene.scans * _SCAN_BYTES if scene.photos_fill else 0
     return Estimate(
-        2**29 + pixels * (_OWN_BYTES + _NEIGHBOUR_BYTES * options.neighbours),
+        2**29 + held + pixels * (_OWN_BYTES + _NEIGHBOUR_BYTES * options.neighbours),
         2**24 + scene.photos * pixels * _STORED_BYTES,
     )
 
 
 def run(job: Job[DensifyOptions]) -> StageResult:
     from workbench.formats.colmap import read_colmap_text
+    from workbench.stereo.choice import seen_points
 
     products, options = job.products, job.options
     model = read_colmap_text(Path(products.load("oriented_images")).parent)
@@ -58,7 +76,8 @@ def run(job: Job[DensifyOptions]) -> StageResult:
         )
     names = sorted(cameras)
     views = _views(job, cameras, names)
-    pairs, spans = _chosen(model, cameras, views, options)
+    points = seen_points(model, {name: view["share"] for name, view in views.items()})
+    pairs, spans = _chosen(points, cameras, options)
     if not any(pairs.values()):
         raise InputError(
             "No photograph looks where another does",
@@ -67,9 +86,12 @@ def run(job: Job[DensifyOptions]) -> StageResult:
         )
     # What is compared with nothing has no depth map.
     names = [name for name in names if pairs[name]]
+    coverage = measured_coverage(job, points, pairs) if job.scene.photos_fill else None
+    if coverage is not None:
+        names = [name for name in names if name not in coverage.left_out]
     pairs = {name: [other for other in pairs[name] if other in names] for name in names}
     why_own = _why_own(options)
-    if why_own:
+    if why_own or not names:
         source, seconds = _estimates(job, names, pairs, spans)
     else:
         source, seconds = _estimates_of_colmap(job, names, pairs, spans)
@@ -78,6 +100,7 @@ def run(job: Job[DensifyOptions]) -> StageResult:
     told = {
         "origin_m": poses["origin"],
         "why_own_matcher": why_own,
+        "coverage": None if coverage is None else dict(coverage.shares),
         "scans": [
             maps[name]
             | {
@@ -89,7 +112,7 @@ def run(job: Job[DensifyOptions]) -> StageResult:
         ],
     }
     products.save("photo_range_inventory", told)
-    return _result(maps, views, seconds, sorted(cameras))
+    return _result(maps, views, seconds, sorted(cameras), coverage)
 
 
 def _views(
@@ -121,15 +144,11 @@ def _views(
 
 
 def _chosen(
-    model: Any,
-    cameras: Mapping[str, PhotoCamera],
-    views: Mapping[str, Mapping[str, Any]],
-    options: DensifyOptions,
+    points: SeenPoints, cameras: Mapping[str, PhotoCamera], options: DensifyOptions
 ) -> tuple[dict[str, Sequence[str]], dict[str, tuple[float, float]]]:
     """Neighbours and span of depths of every photograph."""
-    from workbench.stereo.choice import chosen_neighbours, depth_span, seen_points
+    from workbench.stereo.choice import chosen_neighbours, depth_span
 
-    points = seen_points(model, {name: view["share"] for name, view in views.items()})
     pairs = chosen_neighbours(points, cameras, options.neighbours)
     spans = {
         name: depth_span(points, number, cameras[name])
@@ -277,8 +296,12 @@ def _result(
     views: Mapping[str, Mapping[str, Any]],
     seconds: Sequence[float],
     oriented: Sequence[str],
+    coverage: Coverage | None,
 ) -> StageResult:
     names = sorted(maps)
+    told = coverage.metrics() if coverage else ()
+    if not names:
+        return StageResult(told)
     samples = sum(maps[name]["samples"] for name in names)
     usable = sum(views[name]["usable"] for name in names)
     if not samples:
@@ -287,7 +310,12 @@ def _result(
             fix="photograph with more overlap and texture, or loosen densify.agreeing",
         )
     held = [maps[name] for name in names if maps[name]["samples"]]
-    warnings = [f"{name}: compared with nothing" for name in oriented if name not in names]
+    needless = coverage.left_out if coverage else ()
+    warnings = [
+        f"{name}: compared with nothing"
+        for name in oriented
+        if name not in names and name not in needless
+    ]
     warnings += [f"{n}: no depth was agreed on" for n in names if not maps[n]["samples"]]
     metrics = (
         Metric("depth_maps", len(held), "", f"Photographs with a depth map, of {len(oriented)}."),
@@ -300,16 +328,20 @@ def _result(
                "Standard deviation of a depth along its ray, median."),
         Metric("matching_seconds", float(np.median(seconds)), "s",
                "Time of one core, or of the card, per depth map, median."),
+        *told,
     )  # fmt: skip
     return StageResult(metrics, tuple(warnings))
 
 
 DENSIFY = Stage(
     name="densify",
-    version=2,
-    summary="Depth maps by PatchMatch stereo from photographs alone, as range maps.",
+    version=3,
+    summary="Depth maps by PatchMatch stereo from photographs, as range maps.",
     options=DensifyOptions,
-    reads=("photo_files", "photo_masks", "photo_poses", "oriented_images"),
+    reads=(
+        *("photo_files", "photo_masks", "photo_poses", "oriented_images"),
+        *("scan_inventory", "range_maps", "scan_masks", "scan_poses"),
+    ),
     writes=(
         *("stereo_views", "depth_estimates", "better_estimates"),
         *("photo_range_maps", "photo_range_inventory"),

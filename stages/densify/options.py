@@ -12,6 +12,19 @@ from workbench.project.settings import StageOptions
 class DensifyOptions(StageOptions):
     """Options of ``densify``."""
 
+    fill: Literal["never", "missed"] = Field(
+        "never",
+        description="Beside scans: never, they tell the surface alone; missed, depth maps fill "
+        "what they missed. It takes photographs brought with cameras (--cameras) in the scans' "
+        "frame, or places picked in alignment.toml.",
+    )
+    covered: float = Field(
+        0.99,
+        gt=0.0,
+        le=1.0,
+        description="With fill=missed: photographs are left out of whose points the scans hold "
+        "this share.",
+    )
     image_px: int = Field(
         1600,
         ge=100,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.orient.options import OrientOptions
-from stages.orient.scaling import in_own_scale
+from stages.orient.scaling import before_the_surface, in_own_scale
 from stages.orient.telling import (
     alignment_metrics,
     doubts,
@@ -39,7 +39,9 @@ def needed(scene: Scene, options: OrientOptions) -> Need:
     surface = scene.scans or scene.geometry
     source = "as they were oriented elsewhere" if scene.cameras else "to be oriented"
     onto = "" if surface and options.align == "auto" else ", in a frame of their own"
-    # A surface that is made of the photographs is made once they are oriented.
+    if scene.photos_fill:
+        onto = f", {'onto places picked' if scene.picks else 'in the frame of their cameras'}"
+    # A surface that is made of the photographs, too, is made once they are oriented.
     without = frozenset(("surface",)) if onto else frozenset()
     return Need(True, f"{scene.photos} photographs {source}{onto}", without)
 
@@ -75,6 +77,10 @@ def run(job: Job[OrientOptions]) -> StageResult:
         told |= {"frame": "world", "way": "photographs", "scale": scale.told}
         warnings += scale.warnings
         metrics += scale.metrics
+    if job.scene.photos_fill:
+        model, way, found_by = before_the_surface(model, picks)
+        told |= {"frame": "world", "way": way}
+        metrics += found_by
     if surface is not None:
         found = _aligned(job, model, surface, photos, picks)
         if isinstance(found, NotAligned):

@@ -46,17 +46,12 @@ def in_own_scale(
     """
     from workbench.geometry.similarity import Similarity
     from workbench.orientation.alignment import transformed
-    from workbench.orientation.picks import NoPicks, similarity_of_picks
     from workbench.orientation.scale import NoScale
     from workbench.orientation.upright import standing
 
     if picks:
-        placed = similarity_of_picks(model, picks)
-        if isinstance(placed, NoPicks):
-            raise InputError(f"alignment.toml: {placed.reason}", fix="correct it, or take it away")
-        error = Metric("picks_error", placed.error, "m", "RMS distance of the places picked.")
-        found = OwnScale({"way": "picks", "error_m": placed.error}, metrics=(error,))
-        return transformed(model, placed.surface_from_model), found
+        model, error = _onto_picks(model, picks)
+        return model, OwnScale({"way": "picks", "error_m": error.value}, metrics=(error,))
     scale = _scale(job, model, photos)
     if isinstance(scale, NoScale):
         raise InputError(
@@ -74,6 +69,33 @@ def in_own_scale(
     )
     to_metres = Similarity(scale.metres, np.eye(3), np.zeros(3))
     return transformed(model, to_metres), OwnScale(asdict(scale), metrics=metrics)
+
+
+def before_the_surface(
+    model: ColmapModel, picks: tuple[Any, ...]
+) -> tuple[ColmapModel, str, tuple[Metric, ...]]:
+    """The model in the scans' frame before they have a surface: by picks, or as it was given.
+
+    Returns
+    -------
+    The model, in which of the two ways, and how well.
+    """
+    if not picks:
+        return model, "as given", ()
+    model, error = _onto_picks(model, picks)
+    return model, "picks", (error,)
+
+
+def _onto_picks(model: ColmapModel, picks: tuple[Any, ...]) -> tuple[ColmapModel, Metric]:
+    """The model where the places picked belong, and how far these are off."""
+    from workbench.orientation.alignment import transformed
+    from workbench.orientation.picks import NoPicks, similarity_of_picks
+
+    placed = similarity_of_picks(model, picks)
+    if isinstance(placed, NoPicks):
+        raise InputError(f"alignment.toml: {placed.reason}", fix="correct it, or take it away")
+    error = Metric("picks_error", placed.error, "m", "RMS distance of the places picked.")
+    return transformed(model, placed.surface_from_model), error
 
 
 def _scale(

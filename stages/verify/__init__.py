@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.verify.color import color_chapter
 from stages.verify.development import development_chapter
@@ -32,11 +33,14 @@ from workbench.geometry.mesh import TriangleMesh, edge_census
 from workbench.geometry.transforms import Matrix4, apply, rigid
 from workbench.metrics import Metric
 from workbench.pipeline.records import utc_now
+from workbench.pipeline.shape_sources import shape_sources
 from workbench.pipeline.stage import Estimate, Job, Need, Stage, StageResult
 from workbench.project.photo_scale import scale_is_known
 from workbench.project.project import NO_SURFACE, Scene
 
 if TYPE_CHECKING:
+    from workbench.cloud.sample_source import SampleSource
+    from workbench.verification.coverage_sections import FilledByPhotographs
     from workbench.verification.report_content import Section
     from workbench.verification.truth import TruthComparison
 
@@ -204,11 +208,9 @@ def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
     products = job.products
     registration = products.load_if_there("registration")
     found: dict[str, Any] = {"residuals": {}, "of_photographs": job.scene.shape_from_photos}
-    inventory = products.load_if_there("scan_inventory") or products.load_if_there(
-        "photo_range_inventory"
-    )
-    # The order of the inventory is that of the overlap matrix and of the samples' owners.
-    names = [entry["name"] for entry in inventory["scans"]] if inventory else []
+    # Their order is that of the overlap matrix and of the samples' owners.
+    sources = shape_sources(products)
+    names = [s.name for s in sources if s.maps == sources[0].maps]
     if registration is not None and len(registration["before_m"]):
         found["residuals"] |= {k: registration[k] for k in ("before_m", "after_m")}
         found["overlap"] = (names, registration["overlap"])
@@ -219,11 +221,28 @@ def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
         some = source.thinned(_SAMPLES_COMPARED).points
         apart = distance_to_surface(some, surface).distance_m
         found["residuals"]["samples_to_surface_m"] = apart
-        count = np.zeros(len(names), np.int64)
+        count = np.zeros(len(sources), np.int64)
         for owners in source.owners():
-            count += np.bincount(owners, minlength=len(names))
-    found["samples_per_scan"] = dict(zip(names, count.tolist(), strict=True))
+            count += np.bincount(owners, minlength=len(sources))
+        if len(names) < len(sources):
+            found["filled"] = _filled(source, surface, count, len(names))
+    found["samples_per_scan"] = dict(zip(names, count.tolist(), strict=False))
     return found
+
+
+def _filled(
+    source: SampleSource, surface: TriangleMesh, count: NDArray[np.int64], scans: int
+) -> FilledByPhotographs:
+    """What photographs added to so many scans; ``count`` is samples by owner."""
+    from workbench.geometry.neighbours import nearest, tree_of
+    from workbench.verification.coverage_sections import FilledByPhotographs
+
+    some = source.thinned(_SAMPLES_COMPARED)
+    _, index = nearest(tree_of(some.points), surface.vertices)
+    of_photographs = count[scans:]
+    return FilledByPhotographs(
+        int(of_photographs.sum()), int((of_photographs > 0).sum()), some.scan[index] >= scans
+    )
 
 
 @dataclass(frozen=True)
@@ -306,7 +325,7 @@ def _colors(
 
 VERIFY = Stage[Any](
     name="verify",
-    version=4,
+    version=5,
     summary="The report for people, its numbers as JSON, and W3C PROV of the whole project.",
     options=VerifyOptions,
     reads=(

@@ -5,22 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pycolmap
 import pytest
 
 from stages.main import PIPELINE
 from tests.stages.conftest import metrics_of
+from tests.stages.painted_ball import COUNT, FOCAL, SETTINGS, SIZE, photographed_ball
 from tests.stereo.ball_card import write_true_maps
 from tests.stereo.scenes import ball, seen
 from workbench.errors import InputError
 from workbench.formats.colmap import (
-    ColmapCamera,
-    ColmapImage,
-    ColmapModel,
     read_colmap_text,
-    write_colmap_text,
 )
 from workbench.geometry.transforms import apply
 from workbench.pipeline.planner import make_plan
@@ -31,35 +27,12 @@ from workbench.project.photo_scale import scale_is_known
 from workbench.project.project import Project
 from workbench.stereo import colmap_stereo
 
-SIZE, FOCAL, COUNT = (150, 150), 250.0, 12
-SETTINGS: dict[str, Any] = {"densify": {"neighbours": 3, "levels": 2, "rounds": 1}}
-
 
 @pytest.fixture(scope="module")
 def photographed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A ball of radius 1, from all round at two heights, with cameras and no scale told."""
+    """Photographs with cameras and no scale told."""
     folder = tmp_path_factory.mktemp("ball")
-    (folder / "photos").mkdir()
-    (folder / "masks" / "corrected").mkdir(parents=True)
-    lens = ColmapCamera(1, "SIMPLE_PINHOLE", *SIZE, (FOCAL, 0.5 * SIZE[0], 0.5 * SIZE[1]))
-    images = {}
-    for k in range(COUNT):
-        turn = 2.0 * np.pi * k / COUNT
-        place = (5.0 * np.cos(turn), 1.5 * (-1) ** k, 5.0 * np.sin(turn))
-        view, _ = seen(ball, place, SIZE, FOCAL)
-        name = f"photo_{k:02d}"
-        cv2.imwrite(str(folder / "photos" / f"{name}.png"), view.grey.clip(0, 255).astype(np.uint8))
-        cv2.imwrite(
-            str(folder / "masks" / "corrected" / f"{name}.png"), 255 * view.usable.astype(np.uint8)
-        )
-        images[k + 1] = ColmapImage(k + 1, view.camera_from_world, 1, f"{name}.png")
-    write_colmap_text(folder / "cameras", ColmapModel({1: lens}, images))
-    project = create_project(
-        folder / "project", photos=[folder / "photos"], cameras=folder / "cameras"
-    ).root
-    (project / "masks").mkdir()
-    (folder / "masks" / "corrected").rename(project / "masks" / "corrected")
-    return project
+    return photographed_ball(folder)
 
 
 def run_to(project: Path, last: str, **options: Any) -> list[dict[str, Any]]:
@@ -169,4 +142,5 @@ def test_with_scans_depth_maps_are_left_out(tmp_path: Path, photographed: Path) 
     names = [one.stage.name for one in plan]
     assert names == [stage.name for stage in PIPELINE]
     densify = next(one for one in plan if one.stage.name == "densify")
-    assert (densify.action, densify.reason) == ("left out", "the scans tell the surface")
+    told = "the scans tell the surface; densify.fill=missed fills what they missed"
+    assert (densify.action, densify.reason) == ("left out", told)

@@ -10,6 +10,7 @@ import pytest
 
 import workbench.verification.report
 from workbench.metrics import Metric
+from workbench.verification.coverage_sections import FilledByPhotographs, measured_share
 from workbench.verification.quantities import without_scale
 from workbench.verification.record_sections import stage_metrics
 from workbench.verification.report import report_html
@@ -27,7 +28,7 @@ from workbench.verification.report_content import (
     Table,
     TextList,
 )
-from workbench.verification.scan_report import build_scan_report, measured_share
+from workbench.verification.scan_report import build_scan_report
 
 VOID = {"meta", "img", "br", "link", "hr", "input", "base", "source"}
 
@@ -189,6 +190,49 @@ def test_cards_say_what_the_model_is(full, surface):
     assert cards["Warnings"].tone == "attention"
     assert cards["Distance from truth"].number == pytest.approx(1e-4, rel=0.1)
     assert cards["Size"].value.replace("\u00a0", " ") == "100 × 100 × 100 mm"
+
+
+def test_what_photographs_filled_is_told_apart(records, surface):
+    filled = FilledByPhotographs(1234, 3, surface.vertices[:, 2] > 0.03)
+    content = build_scan_report(
+        records[:1],
+        surface,
+        project_name="p",
+        date="2025-03-04",
+        samples_per_scan={"a": 5000, "b": 4000},
+        filled=filled,
+        picture_width_px=160,
+    )
+    assert content.lead.replace("\u202f", "").startswith(
+        "9000 samples of 2 range scans, and 1234 of 3 photographs where the scans have none"
+    )
+    row = next(
+        block
+        for section in content.sections
+        for block in section.blocks
+        if isinstance(block, PictureRow) and len(block.legend) == 3
+    )
+    assert [entry.label for entry in row.legend] == [
+        "measured by scans",
+        "by photographs",
+        "infilled",
+    ]
+    # A fifth of the sphere each, above and below, and blue only above.
+    front = row.pictures[0].pixels.astype(int)
+    blue = front[..., 2] - front[..., 0] > 30
+    assert blue.any()
+    assert not blue[len(blue) // 2 :].any()
+    table = next(
+        block
+        for section in content.sections
+        if section.title == "Coverage"
+        for block in section.blocks
+        if isinstance(block, Table)
+    )
+    shares = {name: share for name, _, share in table.rows}
+    assert shares == pytest.approx(
+        {"measured by scans": 60, "measured by photographs alone": 20, "infilled": 20}, abs=1.5
+    )
 
 
 def test_an_opening_is_told(records, surface):

@@ -25,13 +25,16 @@ class MergedParts:
     path : cloud of samples.
     cell_m : as for `merged`.
     most_samples : in memory at once.
+    further : samples that lie where those of the cloud do not; they stay as they are.
     """
 
     path: Path
     cell_m: float
     most_samples: int
+    further: tuple[Samples, ...] = ()
 
     def __iter__(self) -> Iterator[Samples]:
         with LayeredCloud(self.path) as cloud:
             for low, high in cloud.cells(self.most_samples):
                 yield merged(samples_in(cloud, Box(low, high)), self.cell_m)
+        yield from self.further

@@ -75,7 +75,7 @@ def make_plan(
     pipeline, but behind those whose products this scene has them read.
     """
     options = checked_options(pipeline, project.settings(overrides))
-    scene = project.scene()
+    scene = project.scene(overrides)
     needs = {stage.name: stage.needed(scene, options[stage.name]) for stage in pipeline}
     absent = frozenset(
         name for stage in pipeline if not needs[stage.name].needed for name in stage.writes

@@ -147,7 +147,7 @@ class _Run:
             "fingerprint": fingerprint(project, stage, options, planned.absent),
             "inputs": file_entries(project, read),
         }
-        scene = project.scene()
+        scene = project.scene(self.request.overrides)
         estimate = _estimate(planned, scene)
         workers = self._workers(stage.name, estimate)
         if estimate is not None:
@@ -292,7 +292,7 @@ def _check_room(
     project: Project, chosen: list[PlannedStage], forced: frozenset[str], request: RunRequest
 ) -> None:
     """Memory and disk, before the first sample is touched."""
-    scene = project.scene()
+    scene = project.scene(request.overrides)
     memory = psutil.virtual_memory().available
     disk = shutil.disk_usage(project.root).free
     for planned in chosen:

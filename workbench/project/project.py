@@ -72,7 +72,9 @@ class ProjectFile(BaseModel):
 class Scene:
     """What is known of a project without reading scans or photographs: what it needs.
 
-    ``reflectance_populations`` is 1 or 2, None before ``ingest`` and without reflectance.
+    ``reflectance_populations`` is 1 or 2, None before ``ingest`` and without reflectance;
+    ``picks`` says whether there is a file of picked places, ``fill_missed`` whether photographs
+    were asked to fill what scans missed.
     """
 
     scans: int
@@ -87,6 +89,18 @@ class Scene:
     corrected_masks: int = 0
     reflectance_populations: int | None = None
     calibration: int = 0
+    picks: bool = False
+    fill_missed: bool = False
+
+    @property
+    def photos_fill(self) -> bool:
+        """Whether depth maps of photographs are to fill what the scans missed.
+
+        The photographs have to be placed before there is a surface: by cameras that were
+        brought along, or by places picked.
+        """
+        placed = self.photos >= _FEWEST_PHOTOS and (self.cameras or self.picks)
+        return self.fill_missed and bool(self.scans) and placed and not self.geometry
 
     @property
     def shape_from_photos(self) -> bool:
@@ -96,12 +110,14 @@ class Scene:
     @property
     def shape_bytes(self) -> int:
         """Size of what tells the shape: the scans' files, or what depth maps would take."""
-        return self.photos * _DEPTH_MAP_BYTES if self.shape_from_photos else self.scan_bytes
+        of_photos = self.shape_from_photos or self.photos_fill
+        return self.scan_bytes + (self.photos * _DEPTH_MAP_BYTES if of_photos else 0)
 
     @property
     def shape_parts(self) -> int:
         """How many scans, or depth maps, tell the shape; 1 at least."""
-        return max(self.photos if self.shape_from_photos else self.scans, 1)
+        of_photos = self.shape_from_photos or self.photos_fill
+        return max(self.scans + (self.photos if of_photos else 0), 1)
 
     @property
     def has_surface(self) -> bool:
@@ -210,8 +226,11 @@ class Project:
         path = self._input_path(entry)
         return visible_files(path) if path.is_dir() else (path,)
 
-    def scene(self) -> Scene:
-        """What the project holds, from its listing of files; a missing input raises."""
+    def scene(self, overrides: StageSettings | None = None) -> Scene:
+        """What the project holds, from its listing of files; a missing input raises.
+
+        ``overrides`` are settings beside those of the project.
+        """
         listing = self.scan_listing
         files = listing.files if listing else ()
         return Scene(
@@ -227,6 +246,8 @@ class Project:
             corrected_masks=len(self.input_paths("corrected_masks")),
             reflectance_populations=self._reflectance_populations(),
             calibration=len(self.calibration_files),
+            picks=bool(self.input_paths("alignment_file")),
+            fill_missed=self.settings(overrides).get("densify", {}).get("fill") == "missed",
         )
 
     def _reflectance_populations(self) -> int | None:

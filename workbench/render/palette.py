@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-MEASURED, INFILLED = 0, 1
+MEASURED, INFILLED, BY_PHOTOGRAPHS = 0, 1, 2
 
-# A light stone grey against a clear orange differ in lightness and along the blue-yellow
-# axis, so that they stay apart in protanopia, deuteranopia and tritanopia alike.
+# A light stone grey, a clear orange and a dark blue differ in lightness and along the
+# blue-yellow axis, so that they stay apart in protanopia, deuteranopia and tritanopia alike.
 PROVENANCE_COLORS: dict[int, tuple[int, int, int]] = {
     MEASURED: (214, 210, 201),
     INFILLED: (230, 120, 10),
+    BY_PHOTOGRAPHS: (62, 100, 158),
 }
 STONE: tuple[int, int, int] = (226, 220, 210)
 UNKNOWN_COLOR: tuple[int, int, int] = (120, 118, 114)
@@ -63,9 +64,13 @@ class ColorScale:
 
 
 def provenance_colors(provenance: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Colours (n, 3) uint8 of vertices: stone grey where measured, orange where infilled."""
-    table = np.array([PROVENANCE_COLORS[MEASURED], PROVENANCE_COLORS[INFILLED]], np.uint8)
-    return np.asarray(table[(np.asarray(provenance) != MEASURED).astype(np.intp)], np.uint8)
+    """Colours (n, 3) uint8 of vertices: stone grey where measured, orange where infilled,
+    blue where photographs measured what scans did not.
+    """
+    known = (MEASURED, INFILLED, BY_PHOTOGRAPHS)
+    table = np.array([PROVENANCE_COLORS[kind] for kind in known], np.uint8)
+    kinds = np.asarray(provenance)
+    return np.asarray(table[np.where(np.isin(kinds, known), kinds, INFILLED).astype(np.intp)])
 
 
 _SRGB = np.arange(256) / 255

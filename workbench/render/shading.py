@@ -140,13 +140,21 @@ def vertex_colored(view: View, colors: NDArray[np.uint8] | None = None) -> NDArr
     return _picture(view, colors, nearest=False)
 
 
-def provenance(view: View) -> NDArray[np.uint8]:
+def provenance(view: View, of_vertices: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
     """Measured surface in light stone grey, infilled surface in orange, with crisp borders.
 
-    A point of a triangle belongs to its nearest corner; the mesh needs a ``provenance``
-    attribute.
+    A point of a triangle belongs to its nearest corner.
+
+    Parameters
+    ----------
+    view
+        what is seen.
+    of_vertices
+        (n,) as in the palette; by default the mesh's ``provenance`` attribute.
     """
-    colors = palette.provenance_colors(view.mesh.vertex_attributes["provenance"])
+    if of_vertices is None:
+        of_vertices = np.asarray(view.mesh.vertex_attributes["provenance"], np.uint8)
+    colors = palette.provenance_colors(of_vertices)
     return _picture(view, colors, nearest=True)
 
 

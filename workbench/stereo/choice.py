@@ -36,11 +36,13 @@ class SeenPoints:
     names : of the photographs.
     points : (n, 3) float64 in the world.
     seen : (n, photographs) bool.
+    measured : whether they are places that photographs share, and no guess.
     """
 
     names: tuple[str, ...]
     points: NDArray[np.float64]
     seen: NDArray[np.bool_]
+    measured: bool = True
 
 
 def seen_points(model: ColmapModel, shares: Mapping[str, float]) -> SeenPoints:
@@ -145,7 +147,7 @@ def _ball(
     points = middle + float(np.median(radii)) * layers * outward
     ways = _unit(centers[None] - points[:, None])
     seen = (ways * outward[:, None]).sum(axis=2) > _PAST_THE_RIM
-    return SeenPoints(names, points, seen)
+    return SeenPoints(names, points, seen, measured=False)
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

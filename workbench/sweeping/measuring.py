@@ -113,7 +113,7 @@ def _with_error(pipeline: Pipeline, task: Task, spent: Outcome) -> Outcome:
     )
     products = Products(project, judge.reads, (), absent)
     try:
-        found = judge.errors[task.measure].of(products, project.scene())
+        found = judge.errors[task.measure].of(products, project.scene(task.overrides))
     except WorkbenchError as error:
         return replace(spent, reason=str(error))
     if not isinstance(found, MeasuredError):

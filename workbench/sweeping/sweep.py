@@ -201,7 +201,7 @@ class _Driver:
 
     def _leaves_out(self, asked: Sequence[_Asked]) -> bool:
         """Whether the error of these is told by a scan that no stage has seen."""
-        scene = self.project.scene()
+        scene = self.project.scene(self.settings)
         if scene.truth or not scene.scans:
             return False
         measures = {one.trial.measure for one in asked}

@@ -25,6 +25,7 @@ from workbench.verification.report_content import (
 
 _SIDE_PX = 420
 _NOTHING = 245
+_FILLING = "What photographs tell where scans have nothing."
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,11 @@ def depth_section(inventory: Mapping[str, Any], shown: Sequence[ShownDepths]) ->
         if why_own
         else "Compared by COLMAP’s PatchMatch on a graphics card."
     )
-    blocks: list[Block] = [
+    coverage = inventory.get("coverage")
+    blocks: list[Block] = [] if coverage is None else [_coverage(coverage, len(maps))]
+    if not maps:
+        return Section("Depth maps", _FILLING, tuple(blocks))
+    blocks += [
         Paragraph(
             f"{len(maps)} photographs were compared with their neighbours, pixel by pixel. Kept is "
             "what the depth maps of several photographs agree on; its deviation along the ray is "
@@ -84,7 +89,26 @@ def depth_section(inventory: Mapping[str, Any], shown: Sequence[ShownDepths]) ->
         )
         told = "Depth from near (dark) to far (light); grey where photographs agree on none."
         blocks.append(PictureRow(pictures, told))
-    return Section("Depth maps", "The shape as photographs alone tell it.", tuple(blocks))
+    told = _FILLING if coverage is not None else "The shape as photographs alone tell it."
+    return Section("Depth maps", told, tuple(blocks))
+
+
+def _coverage(shares: Mapping[str, float | None], matched: int) -> Paragraph:
+    """Which photographs there was a use for, by the share of their points that scans hold."""
+    known = {name: share for name, share in shares.items() if share is not None}
+    text = "Photographs were asked to fill what the scans missed. "
+    if known:
+        least = min(known, key=lambda name: known[name])
+        text += (
+            f"The scans hold {100 * float(np.mean(list(known.values()))):.1f} % of the points that "
+            f"photographs share (mean; least, {100 * known[least]:.1f} %, in {least}). "
+        )
+    else:
+        text += "They came without points that would tell what the scans hold. "
+    spared = len(shares) - matched
+    if spared > 0:
+        text += f"{spared} of {len(shares)} were left out: the scans hold what they show."
+    return Paragraph(text.rstrip())
 
 
 def depth_picture(scan: RangeMap) -> NDArray[np.uint8]:

@@ -97,15 +97,24 @@ class FourSides:
             "The colours of the surface, from four sides at one scale.",
         )
 
-    def provenance(self) -> PictureRow:
-        """What was measured and what was filled; needs a ``provenance`` attribute."""
+    def provenance(self, of_vertices: NDArray[np.uint8]) -> PictureRow:
+        """What was measured and what was filled, by vertex (n,), as in the palette."""
+        kinds = {palette.MEASURED: "measured", palette.INFILLED: "infilled"}
+        told = "Where the surface was measured and where it was closed by computation. "
+        if (of_vertices == palette.BY_PHOTOGRAPHS).any():
+            kinds = {
+                palette.MEASURED: "measured by scans",
+                palette.BY_PHOTOGRAPHS: "by photographs",
+                palette.INFILLED: "infilled",
+            }
+            told += "Blue parts no scan saw: photographs agree on them. "
         return PictureRow(
-            self._pictures(shading.provenance, "measured and infilled surface"),
-            "Where the surface was measured and where it was closed by computation. "
-            "Orange parts are plausible, not observed.",
-            legend=(
-                LegendEntry(palette.PROVENANCE_COLORS[palette.MEASURED], "measured"),
-                LegendEntry(palette.PROVENANCE_COLORS[palette.INFILLED], "infilled"),
+            self._pictures(
+                lambda view: shading.provenance(view, of_vertices), "measured and infilled surface"
+            ),
+            told + "Orange parts are plausible, not observed.",
+            legend=tuple(
+                LegendEntry(palette.PROVENANCE_COLORS[kind], name) for kind, name in kinds.items()
             ),
         )
 

@@ -11,13 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from workbench.geometry.mesh import TriangleMesh, edge_census
 from workbench.render.camera import UpAxis
 from workbench.verification import record_sections
+from workbench.verification.coverage_sections import (
+    FilledByPhotographs,
+    Overlap,
+    coverage_section,
+    measured_share,
+    origins_of,
+)
 from workbench.verification.distance_sections import fit_section, truth_section
 from workbench.verification.distances import (
     distance_to_surface,
     signed_distances_m,
     vertex_areas,
 )
-from workbench.verification.figures import bar_figure, overlap_figure
 from workbench.verification.model_pictures import FourSides
 from workbench.verification.quantities import (
     has_scale,
@@ -31,18 +37,12 @@ from workbench.verification.report_content import (
     Block,
     Card,
     Cards,
-    Column,
     Paragraph,
-    Plot,
-    PlotRow,
     ReportContent,
     Section,
-    Table,
     TextList,
 )
 from workbench.verification.truth import TruthComparison, compare_to_truth, measured_vertices
-
-Overlap = tuple[Sequence[str], ArrayLike]
 
 
 def build_scan_report(
@@ -57,6 +57,7 @@ def build_scan_report(
     overlap: Overlap | None = None,
     samples_per_scan: Mapping[str, int] | None = None,
     of_photographs: bool = False,
+    filled: FilledByPhotographs | None = None,
     truth: TriangleMesh | None = None,
     comparison: TruthComparison | None = None,
     reference_name: str = "known truth",
@@ -96,6 +97,8 @@ def build_scan_report(
         scan name → number of samples used.
     of_photographs
         whether what is called scans are depth maps of photographs.
+    filled
+        what photographs added where scans have nothing.
     truth
         known true surface in the frame of ``surface``.
     comparison
@@ -118,9 +121,9 @@ def build_scan_report(
     metrics = record_sections.stage_metrics(records)
     sections = [
         _summary_section(surface, residuals, comparison, reference_name, records),
-        _model_section(surface, sides, truth, reference_name),
+        _model_section(surface, sides, truth, reference_name, filled),
         fit_section(residuals, samples_per_scan, of_photographs),
-        _coverage_section(surface, overlap, samples_per_scan, of_photographs),
+        coverage_section(surface, overlap, samples_per_scan, of_photographs, filled),
         truth_section(comparison, reference_name),
         *further_sections,
         record_sections.warnings_section(records),
@@ -135,22 +138,18 @@ def build_scan_report(
         title="Verification report",
         project_name=project_name,
         date=date,
-        lead=_lead(surface, samples_per_scan, of_photographs),
+        lead=_lead(surface, samples_per_scan, of_photographs, filled),
         sections=tuple(sections),
         metrics=metrics,
         cover=sides.cover(),
     )
 
 
-def measured_share(surface: TriangleMesh) -> float:
-    """Share of the surface area that was measured, in [0, 1]."""
-    areas = vertex_areas(surface)
-    total = float(areas.sum())
-    return float(areas[measured_vertices(surface)].sum()) / total if total > 0 else float("nan")
-
-
 def _lead(
-    surface: TriangleMesh, samples_per_scan: Mapping[str, int] | None, of_photographs: bool
+    surface: TriangleMesh,
+    samples_per_scan: Mapping[str, int] | None,
+    of_photographs: bool,
+    filled: FilledByPhotographs | None,
 ) -> str:
     made_of = ""
     if samples_per_scan:
@@ -160,6 +159,11 @@ def _lead(
         if of_photographs:
             origin = f"{scans} photographs, joined in"
         made_of = f"{total} samples of {origin} "
+        if filled is not None:
+            made_of = (
+                f"{total} samples of {scans} range scans, and {shown_number(filled.samples)} of "
+                f"{filled.photographs} photographs where the scans have none, joined in "
+            )
     triangles = shown_number(len(surface.triangles))
     text = f"{made_of}a surface of {triangles} triangles."
     return text[0].upper() + text[1:]
@@ -291,14 +295,18 @@ def _sample_distances(
 
 
 def _model_section(
-    surface: TriangleMesh, sides: FourSides, truth: TriangleMesh | None, reference_name: str
+    surface: TriangleMesh,
+    sides: FourSides,
+    truth: TriangleMesh | None,
+    reference_name: str,
+    filled: FilledByPhotographs | None,
 ) -> Section:
     attributes = surface.vertex_attributes
     blocks: list[Block] = [sides.lit()]
     if "color" in attributes:
         blocks.append(sides.colored())
     if "provenance" in attributes:
-        blocks.append(sides.provenance())
+        blocks.append(sides.provenance(origins_of(surface, filled)))
     if "distance_to_samples_m" in attributes:
         distance = np.array(attributes["distance_to_samples_m"], float)
         distance[~measured_vertices(surface)] = np.nan
@@ -326,55 +334,6 @@ def _model_section(
             )
         )
     return Section("The model", "", tuple(blocks))
-
-
-def _coverage_section(
-    surface: TriangleMesh,
-    overlap: Overlap | None,
-    samples_per_scan: Mapping[str, int] | None,
-    of_photographs: bool,
-) -> Section:
-    kind = "photograph" if of_photographs else "scan"
-    blocks: list[Block] = []
-    plots: list[Plot] = []
-    missing: list[str] = []
-    if samples_per_scan:
-        names = list(samples_per_scan)
-        counts = [float(samples_per_scan[name]) for name in names]
-        svg = bar_figure(
-            "samples-per-scan",
-            names,
-            [("Samples", counts, lambda count: shown_number(int(count)))],
-            f"Bars of the number of samples of each {kind}",
-        )
-        plots.append(Plot(svg, f"Samples each {kind} contributed.", {"samples": samples_per_scan}))
-    else:
-        missing.append(f"The number of samples of each {kind} was not recorded.")
-    if overlap is not None and len(overlap[0]) > 1:
-        names, shares = list(overlap[0]), np.asarray(overlap[1], float)
-        svg = overlap_figure("overlap", names, shares, "Matrix of the overlap of the scans")
-        caption = (
-            "Overlap: of each scan (row) the part that another scan (column) saw as well, "
-            "in per cent."
-        )
-        plots.append(Plot(svg, caption, {"scans": names, "overlap": shares}))
-    elif samples_per_scan is not None and len(samples_per_scan) == 1:
-        missing.append("A single scan has no overlap.")
-    elif not of_photographs:
-        missing.append("The overlap of the scans was not recorded.")
-    if plots:
-        blocks.append(PlotRow(tuple(plots)))
-    if "provenance" in surface.vertex_attributes:
-        area = float(vertex_areas(surface).sum())
-        share = measured_share(surface)
-        rows = (("measured", area * share, 100 * share),
-                ("infilled", area * (1 - share), 100 * (1 - share)))  # fmt: skip
-        columns = (Column("Surface"), Column("Area", shown_unit("m²")), Column("Share", "%", 2))
-        blocks.append(Table(columns, rows, "The surface by origin."))
-    if missing:
-        blocks.append(Paragraph(" ".join(missing)))
-    shared = "" if of_photographs else ", and how much they share"
-    return Section("Coverage", f"What each {kind} saw{shared}.", tuple(blocks))
 
 
 def _citation_section(citations: Sequence[str], reproducibility: str) -> Section:
