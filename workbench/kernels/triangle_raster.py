@@ -143,13 +143,13 @@ def draw_competing(
     numbers: NDArray[np.int32],
     first_of_mesh: int,
     front: NDArray[np.float32],
-    epsilon: float,
+    reach: NDArray[np.float32],
     foreground: NDArray[np.bool_],
     penalties: NDArray[np.float32],
     slot_depth: NDArray[np.float32],
     slot_triangle: NDArray[np.int32],
 ) -> None:
-    """Collect the fragments of one mesh that lie within ε of the front-most: those who compete.
+    """Collect the fragments of one mesh that lie near the front-most: those who compete.
 
     While a foreground fragment competes, background ones do not. A mesh competes once at a
     pixel, with its nearest. Where more compete than there are slots, the lowest penalties stay.
@@ -159,7 +159,7 @@ def draw_competing(
     pixels, depths, triangles, numbers : as for `draw_front`.
     first_of_mesh : the mesh's lowest number; all meshes drawn before have lower ones.
     front : (h, w) front-most depth of all meshes.
-    epsilon : how far behind it a fragment may lie.
+    reach : (t,) how far behind it fragments of each triangle may lie, by number.
     foreground, penalties : (t,) of the triangles of all meshes, by number.
     slot_depth, slot_triangle : (h, w, k); triangles are −1 in empty slots, which come last;
         changed in place.
@@ -177,7 +177,7 @@ def draw_competing(
             first, last = _narrowed(ca, y, first, last)
             for column in range(first, last + 1):
                 z = _depth(plane, row, column)
-                if z > front[row, column] + epsilon:
+                if z > front[row, column] + reach[number]:
                     continue
                 depth, held = slot_depth[row, column], slot_triangle[row, column]
                 if held[0] != _NONE and foreground[held[0]] != foreground[number]:

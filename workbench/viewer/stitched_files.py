@@ -1,6 +1,6 @@
 """Labelled depth meshes and their photographs as files that a page stitches its picture of.
 
-``stitched.json`` tells all but the bulk: ``version`` (1); ``from_positions`` (3 numbers), which
+``stitched.json`` tells all but the bulk: ``version`` (2); ``from_positions`` (3 numbers), which
 added to positions gives the user's coordinates; ``epsilon`` in metres; ``cost_step``; ``vote``
 with rounds, radius and weights; ``seam_radius``; ``file``, and in it the place of every mesh
 (``offset``, ``bytes``, ``crc``, ``vertices``, ``triangles`` and its box, ``low`` and ``high``);
@@ -11,7 +11,8 @@ the upper three rows of the camera's matrix for positions as they are stored.
 
 A mesh is, in little-endian order: positions (n, 3) float32; colours (n, 4) uint8 sRGB; labels (m,)
 uint16, the photograph's number + 1, 0 for none, plus 32768 in the foreground; costs (m,) uint16 in
-steps; triangles (m, 3), uint16 where n is at most 65,536, uint32 otherwise.
+steps; triangles (m, 3), uint16 where n is at most 65,536, uint32 otherwise; coarseness (m,) uint8
+in steps of 1/32: so many times ``epsilon`` behind the front-most surface a triangle competes.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from workbench.pipeline.stitched_pictures import StitchedProject
 from workbench.project.project import Project
 from workbench.project.store import ProductStore
 from workbench.render.stitch.levelling import LevellingSettings
-from workbench.render.stitch.scene import StitchScene
+from workbench.render.stitch.scene import COARSENESS_STEPS, StitchScene
 from workbench.render.stitch.stitching import StitchSettings
 
 MESHES, TOLD = "meshes.bin", "stitched.json"
@@ -111,7 +112,7 @@ def write_stitched(
     used = set(np.unique(scene.labels).tolist())
     vote = StitchSettings()
     told = {
-        "version": 1,
+        "version": 2,
         "from_positions": (origin + middle).tolist(),
         "epsilon": scene.epsilon,
         "cost_step": _COST_STEP,
@@ -144,6 +145,7 @@ def _write_meshes(
     steps = np.rint(np.minimum(costs / _COST_STEP, 65535.0)).astype("<u2")
     labels = (scene.labels + 1).astype("<u2")
     labels[scene.foreground] |= np.uint16(_FOREGROUND)
+    coarseness = np.rint(scene.coarseness * COARSENESS_STEPS).astype(np.uint8)
     with open(path, "wb") as file:
         for mesh in range(scene.meshes):
             corners = slice(scene.vertex_starts[mesh], scene.vertex_starts[mesh + 1])
@@ -153,7 +155,7 @@ def _write_meshes(
             colors[:, :3] = scene.colors[corners]
             index = "<u2" if len(places) <= 1 << 16 else "<u4"
             triangles = (scene.triangles[own] - corners.start).astype(index)
-            parts = (places, colors, labels[own], steps[own], triangles)
+            parts = (places, colors, labels[own], steps[own], triangles, coarseness[own])
             block = b"".join(part.tobytes() for part in parts)
             file.write(block)
             around = places if len(places) else np.zeros((1, 3), "<f4")

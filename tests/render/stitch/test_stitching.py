@@ -30,6 +30,17 @@ def test_foreground_goes_before_background_within_epsilon_only():
     assert (shown(StitchScene.of([back, front, hidden], 0.03)).label == 0).all()
 
 
+def test_a_coarser_mesh_competes_from_further_behind():
+    """It is off by as much more: of two walls as far behind, the coarse one alone is let in."""
+    front = labelled(wall(2.0, cells=32), 0, foreground=False, penalties=1.0)
+    fine = labelled(wall(2.1, cells=32), 1, penalties=0.0)
+    coarse = labelled(wall(2.1, cells=8), 2, penalties=0.5)
+    scene = StitchScene.of([front, fine, coarse], 0.04)
+    assert scene.reach.max() == pytest.approx(0.16)
+    assert (shown(scene).label == 2).all()
+    assert (shown(StitchScene.of([front, fine, coarse], 0.02)).label == 0).all()
+
+
 def test_the_lower_penalty_wins_among_equals_in_rank():
     one = labelled(wall(2.0), 0, False, 1.0)
     other = labelled(wall(2.02), 1, False, 0.5)

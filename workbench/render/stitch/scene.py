@@ -13,10 +13,13 @@ from workbench.errors import InputError
 from workbench.geometry.labelled_mesh import LabelledMesh
 
 # Depth meshes of one surface lie apart by a part of their sampling; along a grazing line of
-# sight that is several times as much. Arikan's table 3 has about as much: 0.1 m in rooms.
+# sight that is several times as much. Arikan's table 3 has about as much: 0.1 m in rooms, the
+# same for all meshes; here each has its own, by its coarseness.
 _EPSILON_SPACINGS = 6.0
 _GREY = 128
 _COARSEST = 5.0
+# So many steps to 1 has coarseness: pages hold it in a byte.
+COARSENESS_STEPS = 32
 
 _Number = TypeVar("_Number", bound=np.generic)
 
@@ -35,8 +38,10 @@ class StitchScene:
     labels, foreground, penalties : (t,) as in `LabelledMesh`; a penalty is infinite where there is
         no photograph.
     coarseness : (t,) float32 spacing of the samples of each triangle over the median of all, at
-        most 5: how poorly a mesh samples the surface where it sees it from afar or from the side.
-    epsilon : fragments at most this far behind the front-most show the same surface, metres.
+        most 5 and in steps of 1/32: how poorly a mesh samples the surface where it sees it from
+        afar or from the side.
+    epsilon : fragments of usual coarseness at most this far behind the front-most show the same
+        surface, metres.
     """
 
     vertices: NDArray[np.float64]
@@ -49,6 +54,14 @@ class StitchScene:
     penalties: NDArray[np.float32]
     coarseness: NDArray[np.float32]
     epsilon: float
+
+    @property
+    def reach(self) -> NDArray[np.float32]:
+        """(t,) how far behind the front-most surface each triangle still competes, metres.
+
+        A mesh is off by so much more as it samples the surface more poorly.
+        """
+        return np.asarray(np.float32(self.epsilon) * self.coarseness, np.float32)
 
     @property
     def meshes(self) -> int:
@@ -105,9 +118,13 @@ class StitchScene:
             _joined([mesh.labels for mesh in meshes], np.zeros(0, np.int32)),
             _joined([mesh.foreground for mesh in meshes], np.zeros(0, bool)),
             penalties,
-            np.minimum(spacing / np.float32(usual or 1.0), np.float32(_COARSEST)),
+            _in_steps(np.minimum(spacing / np.float32(usual or 1.0), np.float32(_COARSEST))),
             _EPSILON_SPACINGS * usual if epsilon is None else epsilon,
         )
+
+
+def _in_steps(coarseness: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(np.rint(coarseness * COARSENESS_STEPS) / np.float32(COARSENESS_STEPS))
 
 
 def _starts(counts: list[int]) -> NDArray[np.int64]:

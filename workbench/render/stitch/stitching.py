@@ -103,7 +103,7 @@ class Fragments:
 def competition(
     scene: StitchScene, camera: PhotoCamera, visible: Visibility, settings: StitchSettings
 ) -> Competition:
-    """Draw all meshes again and keep what lies within ε of the front.
+    """Draw all meshes again and keep what lies within reach of the front.
 
     A shader that has no lists draws once for the front-most foreground and background and once
     for each round of the vote. It may leave out meshes that are front-most nowhere, as the paper
@@ -111,7 +111,7 @@ def competition(
     """
     screen = Screen(camera)
     shape = (*visible.depth.shape, settings.slots)
-    costs = _costs(scene, settings)
+    costs, reach = _costs(scene, settings), scene.reach
     depth = np.zeros(shape, np.float32)
     triangle = np.full(shape, NO_TRIANGLE, np.int32)
     for mesh in range(scene.meshes):
@@ -123,7 +123,7 @@ def competition(
             placed.numbers,
             first,
             visible.depth,
-            scene.epsilon,
+            reach,
             scene.foreground,
             costs,
             depth,

@@ -79,7 +79,7 @@ void main() {
 export async function open(context, entry) {
   const { network } = context;
   const told = await network.json(entry.file);
-  if (told.version !== 1) throw new SourceError("The page and its data are of different versions. Publish it again.");
+  if (told.version !== 2) throw new SourceError("The page and its data are of different versions. Publish it again.");
   return new Stitched(context, entry, told);
 }
 
