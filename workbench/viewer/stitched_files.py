@@ -11,8 +11,8 @@ the upper three rows of the camera's matrix for positions as they are stored.
 
 A mesh is, in little-endian order: positions (n, 3) float32; colours (n, 4) uint8 sRGB; labels (m,)
 uint16, the photograph's number + 1, 0 for none, plus 32768 in the foreground; costs (m,) uint16 in
-steps; triangles (m, 3), uint16 where n is at most 65,536, uint32 otherwise; coarseness (m,) uint8
-in steps of 1/32: so many times ``epsilon`` behind the front-most surface a triangle competes.
+steps; triangles (m, 3), uint16 where n is at most 65,536, uint32 otherwise; reach (m,) uint8 in
+steps of 1/32: so many times ``epsilon`` behind the front-most surface a triangle competes.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def _write_meshes(
     steps = np.rint(np.minimum(costs / _COST_STEP, 65535.0)).astype("<u2")
     labels = (scene.labels + 1).astype("<u2")
     labels[scene.foreground] |= np.uint16(_FOREGROUND)
-    coarseness = np.rint(scene.coarseness * COARSENESS_STEPS).astype(np.uint8)
+    reach = np.rint(scene.reach * COARSENESS_STEPS).astype(np.uint8)
     with open(path, "wb") as file:
         for mesh in range(scene.meshes):
             corners = slice(scene.vertex_starts[mesh], scene.vertex_starts[mesh + 1])
@@ -155,7 +155,7 @@ def _write_meshes(
             colors[:, :3] = scene.colors[corners]
             index = "<u2" if len(places) <= 1 << 16 else "<u4"
             triangles = (scene.triangles[own] - corners.start).astype(index)
-            parts = (places, colors, labels[own], steps[own], triangles, coarseness[own])
+            parts = (places, colors, labels[own], steps[own], triangles, reach[own])
             block = b"".join(part.tobytes() for part in parts)
             file.write(block)
             around = places if len(places) else np.zeros((1, 3), "<f4")

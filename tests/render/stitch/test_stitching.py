@@ -35,10 +35,11 @@ def test_a_coarser_mesh_competes_from_further_behind():
     front = labelled(wall(2.0, cells=32), 0, foreground=False, penalties=1.0)
     fine = labelled(wall(2.1, cells=32), 1, penalties=0.0)
     coarse = labelled(wall(2.1, cells=8), 2, penalties=0.5)
-    scene = StitchScene.of([front, fine, coarse], 0.04)
-    assert scene.reach.max() == pytest.approx(0.16)
+    scene = StitchScene.of([front, fine, coarse], 0.06)
+    # Edges are four times as long; it is let in from twice as far and no more.
+    assert np.unique(scene.reach).tolist() == [1.0, 2.0]
     assert (shown(scene).label == 2).all()
-    assert (shown(StitchScene.of([front, fine, coarse], 0.02)).label == 0).all()
+    assert (shown(StitchScene.of([front, fine, coarse], 0.04)).label == 0).all()
 
 
 def test_the_lower_penalty_wins_among_equals_in_rank():

@@ -17,7 +17,7 @@ from workbench.geometry.labelled_mesh import LabelledMesh
 # same for all meshes; here each has its own, by its coarseness.
 _EPSILON_SPACINGS = 6.0
 _GREY = 128
-_COARSEST = 5.0
+_COARSEST, _FURTHEST = 5.0, 2.0
 # So many steps to 1 has coarseness: pages hold it in a byte.
 COARSENESS_STEPS = 32
 
@@ -57,11 +57,12 @@ class StitchScene:
 
     @property
     def reach(self) -> NDArray[np.float32]:
-        """(t,) how far behind the front-most surface each triangle still competes, metres.
+        """(t,) how far behind the front-most surface each triangle still competes, in ε.
 
-        A mesh is off by so much more as it samples the surface more poorly.
+        A mesh is off by as much more as it samples the surface more poorly; at most twice as far,
+        for surfaces that are seen from the side may end there.
         """
-        return np.asarray(np.float32(self.epsilon) * self.coarseness, np.float32)
+        return np.minimum(self.coarseness, np.float32(_FURTHEST))
 
     @property
     def meshes(self) -> int:

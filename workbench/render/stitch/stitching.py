@@ -111,7 +111,7 @@ def competition(
     """
     screen = Screen(camera)
     shape = (*visible.depth.shape, settings.slots)
-    costs, reach = _costs(scene, settings), scene.reach
+    costs, reach = _costs(scene, settings), np.float32(scene.epsilon) * scene.reach
     depth = np.zeros(shape, np.float32)
     triangle = np.full(shape, NO_TRIANGLE, np.int32)
     for mesh in range(scene.meshes):

@@ -25,13 +25,13 @@ out vec3 v_point;
 out vec4 v_color;
 out float v_deep;
 flat out uvec2 v_told;
-flat out float v_coarseness;
+flat out float v_reach;
 invariant gl_Position;
 void main() {
   v_point = a_position + u_shift;
   v_color = a_color;
   v_told = a_told;
-  v_coarseness = a_color.a * 255.0 / 32.0;
+  v_reach = a_color.a * 255.0 / 32.0;
   gl_Position = u_clip * vec4(v_point, 1.0);
   v_deep = gl_Position.w;
 }`;
@@ -46,7 +46,7 @@ in vec3 v_point;
 in vec4 v_color;
 in float v_deep;
 flat in uvec2 v_told;
-flat in float v_coarseness;
+flat in float v_reach;
 uniform sampler2D u_front;
 uniform usampler2D u_slot0, u_slot1;
 uniform int u_before;      // slots filled already
@@ -61,7 +61,7 @@ void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
   float stored = texelFetch(u_front, at, 0).r;
   float front = u_range.x * u_range.y / (u_range.y - stored * (u_range.y - u_range.x));
-  if (v_deep > front + u_epsilon * v_coarseness) discard;
+  if (v_deep > front + u_epsilon * v_reach) discard;
   bool mine = (v_told.x & 0x8000u) != 0u;
   if (u_before > 0) {
     uvec4 f = texelFetch(u_slot0, at, 0);

@@ -23,7 +23,7 @@ export function unpacked(buffer, n, m) {
   const labels = new Uint16Array(buffer, 16 * n, m);
   const costs = new Uint16Array(buffer, 16 * n + 2 * m, m);
   const corners = new (wide ? Uint32Array : Uint16Array)(buffer, 16 * n + 4 * m, 3 * m);
-  const coarseness = new Uint8Array(buffer, corners.byteOffset + corners.byteLength, m);
+  const reach = new Uint8Array(buffer, corners.byteOffset + corners.byteLength, m);
   const triangles = new Uint32Array(3 * m);
   const taken = new Uint8Array(n);
   const doubled = [];
@@ -50,7 +50,7 @@ export function unpacked(buffer, n, m) {
     const v = triangles[3 * t + 2];
     told[10 * v + 8] = labels[t];
     told[10 * v + 9] = costs[t];
-    bytes[STRIDE * v + 15] = coarseness[t]; // where colours have their opacity
+    bytes[STRIDE * v + 15] = reach[t]; // where colours have their opacity
   }
   return { vertices, triangles: n + doubled.length > 65536 ? triangles : new Uint16Array(triangles) };
 }
