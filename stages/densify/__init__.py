@@ -37,7 +37,10 @@ def needed(scene: Scene, options: DensifyOptions) -> Need:
         raise SettingsError(
             "Photographs cannot fill what the scans missed: nothing places them before there is "
             "a surface",
-            found=f"{scene.photos} photographs, neither --cameras nor alignment.toml",
+            found=f"{scene.photos} photographs, "
+            + (
+                "placed" if scene.cameras or scene.picks else "neither --cameras nor alignment.toml"
+            ),
             expected="three photographs or more, with cameras in the scans' frame or places picked",
             fix="pick three to five places on the scans and in photographs in alignment.toml, or "
             "take densify.fill away",

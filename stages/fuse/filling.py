@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 # Depth maps that are further off the scans make a step one can see, in distances of samples.
 _STEP_SPACINGS = 3.0
+# More of the depths beyond what was scanned are of something else, or cameras of another frame.
+_MOST_BEYOND = 0.5
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,25 @@ def _metrics(found: Mapping[str, Missed], kept: int) -> tuple[Metric, ...]:
 
 
 def _warnings(found: Mapping[str, Missed], spacing_m: float) -> tuple[str, ...]:
+    warnings = []
+    given, beyond = (
+        sum(getattr(one, name) for one in found.values()) for name in ("given", "beyond")
+    )
+    if beyond > _MOST_BEYOND * given:
+        warnings.append(
+            f"{100.0 * beyond / given:.0f} % of what photographs agree on lies beyond what was "
+            "scanned: mask what is not of the object, or check that the cameras are in the scans' "
+            "frame"
+        )
+    if given > beyond and not any(np.isfinite(one.offset_m) for one in found.values()):
+        warnings.append(
+            "no depth map shows anything that was scanned: nothing proves that the photographs are "
+            "in the scans' frame"
+        )
+    return (*warnings, *_steps(found, spacing_m))
+
+
+def _steps(found: Mapping[str, Missed], spacing_m: float) -> tuple[str, ...]:
     off = {
         name: one.offset_m
         for name, one in found.items()

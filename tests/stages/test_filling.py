@@ -139,6 +139,24 @@ def test_photographs_off_the_scans_are_warned_of(tmp_path: Path) -> None:
     assert in_cap(filled, CAP_DEG + 8.0).mean() > 0.97
 
 
+def test_cameras_of_another_frame_are_warned_of(tmp_path: Path) -> None:
+    made = photographed_ball(tmp_path, [scan(tmp_path / "scan.ply")], middle=MIDDLE + 9.0)
+    told = {one["name"]: one for one in run_to(made, "fuse")}
+    (warning,) = told["fuse"]["warnings"]
+    assert warning.startswith("100 % of what photographs agree on lies beyond")
+    assert (Project(made).store.load("samples")["scan"] == 0).all()
+
+
+def test_photographs_of_nothing_scanned_prove_no_frame(tmp_path: Path) -> None:
+    """They show something beside what was scanned, near enough to be of the object."""
+    aside = MIDDLE + np.array([0.0, 0.0, 2.5])
+    points = on_ball(20_000)
+    write_range_ply(tmp_path / "scan.ply", RangeMap("scan", MIDDLE + points * [9.0, 1.0, 1.0]))
+    made = photographed_ball(tmp_path, [tmp_path / "scan.ply"], middle=aside)
+    told = {one["name"]: one for one in run_to(made, "fuse")}
+    assert any("nothing proves" in warning for warning in told["fuse"]["warnings"])
+
+
 def test_without_places_it_is_refused_before_anything_runs(tmp_path: Path) -> None:
     made = photographed_ball(tmp_path, [scan(tmp_path / "scan.ply")], cameras=False)
     with pytest.raises(SettingsError, match="cannot fill what the scans missed") as caught:
