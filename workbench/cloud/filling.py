@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from workbench.cloud.sample_source import SampleSource
+from workbench.geometry.filling_box import filling_box
 from workbench.geometry.neighbours import k_nearest, tree_of
 from workbench.geometry.samples import Samples
 
@@ -19,8 +20,6 @@ _LEAST_COSINE = 0.0
 _NEAR, _BESIDE = 3.0, 12.0
 _SCATTER = 3.0
 _ROBUST_SIGMA = 1.4826
-# The object may go on beyond what was scanned by this share of the diagonal.
-_BEYOND = 0.1
 # Fewer tell nothing about how far off a map is.
 _FEWEST = 100
 
@@ -70,10 +69,8 @@ class ScannedSurface:
     def of(cls, source: SampleSource, apart_m: float, most: int) -> ScannedSurface:
         """Of consolidated samples ``apart_m`` apart; no more than ``most`` are held."""
         few = source.thinned(most)
-        low, high = source.bounds
-        beyond = _BEYOND * float(np.linalg.norm(high - low))
         apart_m *= float(np.sqrt(len(source) / len(few)))
-        return cls(tree_of(few.points), few.normals, apart_m, low - beyond, high + beyond)
+        return cls(tree_of(few.points), few.normals, apart_m, *filling_box(*source.bounds))
 
     def missed(self, samples: Samples) -> Missed:
         """Which of a photograph's samples, in the project frame, lie on no scanned surface.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from workbench.geometry.filling_box import filling_box
 from workbench.geometry.neighbours import k_nearest, nearest, tree_of
 from workbench.stereo.choice import SeenPoints
 
@@ -18,8 +19,6 @@ _PER_SCAN = 200_000
 _NEAR, _BESIDE = 4.0, 20.0
 # Points scatter: so many times as far as half of them lie from the scans still is on them.
 _SCATTER = 4.0
-# The object may go on beyond what was scanned by this share of the diagonal.
-_BEYOND = 0.1
 _FEWEST_POINTS = 30
 
 
@@ -53,9 +52,8 @@ class ScannedPlaces:
         if not parts:
             return None
         every = np.concatenate(parts)
-        low, high = every.min(axis=0), every.max(axis=0)
-        beyond = _BEYOND * float(np.linalg.norm(high - low))
-        return cls(tree_of(every), float(np.median(apart)), low - beyond, high + beyond)
+        box = filling_box(every.min(axis=0), every.max(axis=0))
+        return cls(tree_of(every), float(np.median(apart)), *box)
 
     def around(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which points (n, 3) lie within the box."""
