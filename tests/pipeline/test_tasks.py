@@ -269,6 +269,10 @@ def test_an_outside_cluster_gives_the_same_and_is_checked_first(
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://no.such.host:1", ""])
 def test_an_address_where_nobody_answers_is_told(tmp_path, monkeypatch, address):
+    def client(*_, **__):
+        raise AssertionError("a client that cannot connect may stop others from starting, for ever")
+
+    monkeypatch.setattr("distributed.Client", client)
     monkeypatch.setattr(cluster, "_ANSWER_SECONDS", 0.3)
     project = fake_project(tmp_path)
     with pytest.raises(InputError, match="does not answer") as caught:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -78,6 +80,20 @@ def load_in_main_thread(libraries: tuple[str, ...]) -> None:
             import_module(name)
 
 
+async def _answer(address: str) -> None:
+    """Raise OSError or ValueError where no scheduler answers.
+
+    A client that could not connect is left to the garbage collector, which stops its loop, and
+    waits for ever where it comes while another client holds the lock to start one.
+    """
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    settings = Security().get_connection_args("client")
+    comm = await connect(address, timeout=_ANSWER_SECONDS, **settings)
+    await comm.close()
+
+
 @contextmanager
 def the_cluster_at(
     address: str, witness: Path, libraries: tuple[str, ...], progress: Progress
@@ -98,6 +114,8 @@ def the_cluster_at(
     from distributed import Client
 
     try:
+        with ThreadPoolExecutor(1) as apart:
+            apart.submit(asyncio.run, _answer(address)).result()
         client = Client(address, timeout=_ANSWER_SECONDS)
     except (OSError, ValueError) as error:
         raise InputError(
