@@ -11,7 +11,7 @@ import numpy as np
 from stages.densify.options import DensifyOptions
 from workbench.geometry.transforms import apply
 from workbench.metrics import Metric
-from workbench.pipeline.shape_sources import SCANNED, shape_sources
+from workbench.pipeline.shape_sources import SCANNED, kept_scan, shape_sources
 from workbench.pipeline.stage import Job
 
 if TYPE_CHECKING:
@@ -70,10 +70,7 @@ def measured_coverage(
 
 def _scans(job: Job[DensifyOptions]) -> Iterator[Any]:
     """Points (n, 3) of every scan in the project frame, without what was masked."""
-    masked = job.products.items("scan_masks")
     for source in shape_sources(job.products):
         if source.maps == SCANNED and source.project_from_map is not None:
-            scan = job.products.load(source.maps, source.item)
-            if source.item in masked:
-                scan = scan.masked(job.products.load("scan_masks", source.item))
+            scan = kept_scan(job.products, source.item)
             yield apply(source.project_from_map, scan.points_in_scan)

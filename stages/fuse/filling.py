@@ -68,9 +68,8 @@ def filled_by(
 
 
 def _metrics(found: Mapping[str, Missed], kept: int) -> tuple[Metric, ...]:
-    given, scanned, beyond = (
-        sum(getattr(one, name) for one in found.values()) for name in ("given", "scanned", "beyond")
-    )
+    given, beyond = _given_and_beyond(found)
+    scanned = sum(one.scanned for one in found.values())
     offsets = [abs(one.offset_m) for one in found.values() if np.isfinite(one.offset_m)]
     within = max(given - beyond, 1)
     metrics = [
@@ -90,9 +89,7 @@ def _metrics(found: Mapping[str, Missed], kept: int) -> tuple[Metric, ...]:
 
 def _warnings(found: Mapping[str, Missed], spacing_m: float) -> tuple[str, ...]:
     warnings = []
-    given, beyond = (
-        sum(getattr(one, name) for one in found.values()) for name in ("given", "beyond")
-    )
+    given, beyond = _given_and_beyond(found)
     if beyond > _MOST_BEYOND * given:
         warnings.append(
             f"{100.0 * beyond / given:.0f} % of what photographs agree on lies beyond what was "
@@ -105,6 +102,11 @@ def _warnings(found: Mapping[str, Missed], spacing_m: float) -> tuple[str, ...]:
             "in the scans' frame"
         )
     return (*warnings, *_steps(found, spacing_m))
+
+
+def _given_and_beyond(found: Mapping[str, Missed]) -> tuple[int, int]:
+    """How many depths there were, and how many lie too far off to be of the object."""
+    return sum(one.given for one in found.values()), sum(one.beyond for one in found.values())
 
 
 def _steps(found: Mapping[str, Missed], spacing_m: float) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.geometry.transforms import Matrix4, rigid
+from workbench.pipeline.shape_sources import kept_scan
 from workbench.pipeline.stage import Job
 
 if TYPE_CHECKING:
@@ -64,10 +65,7 @@ def held_scans(job: Job[RegisterOptions], inventory: dict[str, Any]) -> HeldScan
     oriented, viewpoints = [], []
     with job.progress.step("normals", len(names)) as step:
         for name in names:
-            scan = job.products.load("range_maps", name)
-            mask = job.products.load_if_there("scan_masks", name)
-            if mask is not None:
-                scan = scan.masked(mask)
+            scan = kept_scan(job.products, name)
             most = job.options.memory_samples // len(names)
             oriented.append(orient(scan, OrientationSettings()).thinned(most))
             viewpoints.append(scan.viewpoint_in_scan)

@@ -39,7 +39,7 @@ from workbench.project.photo_scale import scale_is_known
 from workbench.project.project import NO_SURFACE, Scene
 
 if TYPE_CHECKING:
-    from workbench.cloud.sample_source import SampleSource
+    from workbench.geometry.samples import Samples
     from workbench.verification.coverage_sections import FilledByPhotographs
     from workbench.verification.report_content import Section
     from workbench.verification.truth import TruthComparison
@@ -218,26 +218,25 @@ def _measured(job: Job[VerifyOptions], surface: TriangleMesh) -> dict[str, Any]:
     if held is None and cloud is None:
         return found
     with opened_samples(held, cloud) as source:
-        some = source.thinned(_SAMPLES_COMPARED).points
-        apart = distance_to_surface(some, surface).distance_m
+        some = source.thinned(_SAMPLES_COMPARED)
+        apart = distance_to_surface(some.points, surface).distance_m
         found["residuals"]["samples_to_surface_m"] = apart
         count = np.zeros(len(sources), np.int64)
         for owners in source.owners():
             count += np.bincount(owners, minlength=len(sources))
         if len(names) < len(sources):
-            found["filled"] = _filled(source, surface, count, len(names))
+            found["filled"] = _filled(some, surface, count, len(names))
     found["samples_per_scan"] = dict(zip(names, count.tolist(), strict=False))
     return found
 
 
 def _filled(
-    source: SampleSource, surface: TriangleMesh, count: NDArray[np.int64], scans: int
+    some: Samples, surface: TriangleMesh, count: NDArray[np.int64], scans: int
 ) -> FilledByPhotographs:
-    """What photographs added to so many scans; ``count`` is samples by owner."""
+    """What photographs added to so many scans, by some samples and the ``count`` by owner."""
     from workbench.geometry.neighbours import nearest, tree_of
     from workbench.verification.coverage_sections import FilledByPhotographs
 
-    some = source.thinned(_SAMPLES_COMPARED)
     _, index = nearest(tree_of(some.points), surface.vertices)
     of_photographs = count[scans:]
     return FilledByPhotographs(

@@ -20,6 +20,7 @@ from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.neighbours import nearest, tree_of
 from workbench.geometry.transforms import Matrix4, apply, rigid
 from workbench.pipeline.knobs import ErrorMeasure, MeasuredError, NotMeasured
+from workbench.pipeline.shape_sources import kept_scan
 from workbench.pipeline.stage import Products
 from workbench.project.project import Scene
 
@@ -191,16 +192,12 @@ def _placed_scans(
     from workbench.geometry.orientedscan import OrientationSettings, orient
 
     to_project = rigid(np.eye(3), -np.array(inventory["origin_m"]))
-    masked = set(products.items("scan_masks"))
     placed = []
     for entry in inventory["scans"]:
         name = entry["name"]
         if name not in poses:
             continue
-        scan = products.load("range_maps", name)
-        if name in masked:
-            scan = scan.masked(products.load("scan_masks", name))
-        found: OrientedScan = orient(scan, OrientationSettings())
+        found: OrientedScan = orient(kept_scan(products, name), OrientationSettings())
         pose = np.array(poses[name]["world_from_scan"])
         pose = to_project @ pose @ rigid(np.eye(3), entry["scan_shift_m"])
         if len(found):

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from workbench.cloud.regions import Box
 from workbench.cloud.sample_source import SampleSource
 from workbench.geometry.filling_box import filling_box
 from workbench.geometry.neighbours import k_nearest, tree_of
+from workbench.geometry.robust import robust_sigma
 from workbench.geometry.samples import Samples
 
 # Of so many nearest samples one does not face away where there is such a surface at all.
@@ -19,7 +21,6 @@ _LEAST_COSINE = 0.0
 # In distances of samples: nearer was scanned; within the farther a map tells how far off it is.
 _NEAR, _BESIDE = 3.0, 12.0
 _SCATTER = 3.0
-_ROBUST_SIGMA = 1.4826
 # Fewer tell nothing about how far off a map is.
 _FEWEST = 100
 
@@ -36,7 +37,6 @@ class Missed:
     offset_m, scatter_m : where both measured, the median of how far the depths lie before
         (positive) or behind the scanned surface, and the robust standard deviation; NaN where too
         little was measured by both.
-    near_m : what lies no further before or behind the scans was taken for scanned.
     """
 
     samples: Samples
@@ -45,7 +45,6 @@ class Missed:
     beyond: int
     offset_m: float
     scatter_m: float
-    near_m: float
 
 
 @dataclass(frozen=True)
@@ -56,21 +55,20 @@ class ScannedSurface:
     ----------
     tree, normals : of the samples, in the project frame.
     apart_m : typical distance between neighbouring ones.
-    low, high : (3,), (3,) corners of the box that is filled.
+    box : that is filled.
     """
 
     tree: cKDTree
     normals: NDArray[np.float64]
     apart_m: float
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    box: Box
 
     @classmethod
     def of(cls, source: SampleSource, apart_m: float, most: int) -> ScannedSurface:
         """Of consolidated samples ``apart_m`` apart; no more than ``most`` are held."""
         few = source.thinned(most)
         apart_m *= float(np.sqrt(len(source) / len(few)))
-        return cls(tree_of(few.points), few.normals, apart_m, *filling_box(*source.bounds))
+        return cls(tree_of(few.points), few.normals, apart_m, Box(*filling_box(*source.bounds)))
 
     def missed(self, samples: Samples) -> Missed:
         """Which of a photograph's samples, in the project frame, lie on no scanned surface.
@@ -80,7 +78,7 @@ class ScannedSurface:
         before or behind by that and by how far depths are off at most: their median and three
         standard deviations where both measured, for cameras may be a little off.
         """
-        inside = np.asarray(((samples.points >= self.low) & (samples.points <= self.high)).all(1))
+        inside = self.box.contains(samples.points)
         held = samples.chosen(inside)
         beside, offset = self._from_surface(held)
         across = beside <= _NEAR * self.apart_m
@@ -89,7 +87,7 @@ class ScannedSurface:
         near = _NEAR * self.apart_m
         if len(off) >= _FEWEST:
             middle = float(np.median(off))
-            scatter = _ROBUST_SIGMA * float(np.median(np.abs(off - middle)))
+            scatter = robust_sigma(off - middle)
             near += abs(middle) + _SCATTER * scatter
         near = min(near, _BESIDE * self.apart_m)
         missing = ~(across & (np.abs(offset) <= near))
@@ -100,7 +98,6 @@ class ScannedSurface:
             int((~inside).sum()),
             middle,
             scatter,
-            near,
         )
 
     def _from_surface(self, samples: Samples) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

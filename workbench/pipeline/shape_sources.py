@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.geometry.rangemap import RangeMap
 from workbench.geometry.transforms import rigid
 from workbench.pipeline.stage import Products
 
@@ -52,6 +53,13 @@ def shape_sources(products: Products) -> tuple[ShapeSource, ...]:
         taken = [source.name for source in found]
         found += _placed(PHOTOGRAPHED, photos["scans"], poses, np.eye(4), taken)
     return tuple(found)
+
+
+def kept_scan(products: Products, name: str) -> RangeMap:
+    """A scan without what was masked away."""
+    scan: RangeMap = products.load(SCANNED, name)
+    mask = products.load_if_there("scan_masks", name)
+    return scan if mask is None else scan.masked(mask)
 
 
 def _placed(

@@ -108,16 +108,19 @@ class Scene:
         return self.photos >= _FEWEST_PHOTOS and not (self.scans or self.geometry)
 
     @property
+    def depth_maps(self) -> int:
+        """How many depth maps of photographs tell the shape, alone or beside scans."""
+        return self.photos if self.shape_from_photos or self.photos_fill else 0
+
+    @property
     def shape_bytes(self) -> int:
         """Size of what tells the shape: the scans' files, or what depth maps would take."""
-        of_photos = self.shape_from_photos or self.photos_fill
-        return self.scan_bytes + (self.photos * _DEPTH_MAP_BYTES if of_photos else 0)
+        return self.scan_bytes + self.depth_maps * _DEPTH_MAP_BYTES
 
     @property
     def shape_parts(self) -> int:
         """How many scans, or depth maps, tell the shape; 1 at least."""
-        of_photos = self.shape_from_photos or self.photos_fill
-        return max(self.scans + (self.photos if of_photos else 0), 1)
+        return max(self.scans + self.depth_maps, 1)
 
     @property
     def has_surface(self) -> bool:
