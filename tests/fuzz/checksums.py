@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import struct
 import zipfile
@@ -139,8 +140,14 @@ def repaired_e57(data: bytes) -> bytes:
     """CRC-32C at the end of every page of an E57 file, where it does not fit."""
     out = bytearray(data)
     for start in range(0, len(out) - _PAGE + 1, _PAGE):
-        crc = 0xFFFFFFFF
-        for byte in out[start : start + _PAGE - 4]:
-            crc = _CRC32C[(crc ^ byte) & 255] ^ crc >> 8
-        struct.pack_into(">I", out, start + _PAGE - 4, crc ^ 0xFFFFFFFF)
+        end = start + _PAGE - 4
+        struct.pack_into(">I", out, end, _crc32c(bytes(out[start:end])))
     return bytes(out)
+
+
+@functools.lru_cache(1024)  # most pages are those of the file that was damaged
+def _crc32c(data: bytes) -> int:
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc = _CRC32C[(crc ^ byte) & 255] ^ crc >> 8
+    return crc ^ 0xFFFFFFFF

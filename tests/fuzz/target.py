@@ -49,8 +49,9 @@ class Target:
         parts = packed.split(SEPARATOR)
         parts += [b""] * (len(self.files) - len(parts))
         for name, content in zip(self.files, parts, strict=False):
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            with open(folder / name, "wb") as file:
+            if "/" in name:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            with open(f"{folder}/{name}", "wb") as file:
                 file.write(content)
         return len(packed)
 

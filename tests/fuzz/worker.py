@@ -35,7 +35,7 @@ class Worker:
 
     def __init__(self, target: Target, folder: Path, seed: int, engine: str) -> None:
         self.target, self.folder, self.engine = target, folder, engine
-        self.inputs = folder / "inputs"
+        self.inputs, self.current = folder / "inputs", folder / "current"
         self.inputs.mkdir(exist_ok=True)
         made = folder / "made"
         made.mkdir(exist_ok=True)
@@ -74,7 +74,8 @@ class Worker:
 
     def read(self, content: bytes) -> None:
         """Read some packed files, and tell what is wrong with that."""
-        (self.folder / "current").write_bytes(content)
+        with open(self.current, "wb") as file:
+            file.write(content)
         outcome = read_once(self.target, self.inputs, content, self.done)
         self.done += 1
         self.values += outcome.kind == "value"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import struct
+import time
 from pathlib import Path
 
 import pytest
@@ -34,6 +36,16 @@ def test_focal_length_in_pixels_by_frame_or_by_photosite() -> None:
 def test_nothing_told_is_none_and_no_guess(tmp_path: Path) -> None:
     Image.new("RGB", (8, 8)).save(tmp_path / "a.png")
     assert photo_facts(tmp_path / "a.png") == PhotoFacts()
+
+
+def test_counts_that_ask_for_millions_of_tags_are_not_followed(tmp_path: Path) -> None:
+    # Every directory claims 65,535 entries of 999 numbers each, and leads to another such.
+    entry = struct.pack("<HHII", 0x0111, 3, 999, 8)
+    path = tmp_path / "a.tif"
+    path.write_bytes(b"II*\0" + struct.pack("<I", 8) + b"\xff\xff" + entry * 100_000)
+    start = time.process_time()
+    assert photo_facts(path) == PhotoFacts()
+    assert time.process_time() - start < 5, "a minute and more where they are followed"
 
 
 def test_crw_flash_is_in_the_picture_beside(shared_data, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,6 +15,8 @@ _FIRED = 1
 _SIDECAR_SUFFIXES = (".THM", ".thm", ".Thm")
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}
 _FULL_FRAME_MM = 36.0
+# A camera's file takes some hundreds, hardly one of them behind its end.
+_MOST_READS, _READS_BEHIND_THE_END = 20_000, 200
 
 
 @dataclass(frozen=True)
@@ -91,10 +94,23 @@ def _tags(path: Path | None) -> dict[str, Any]:
 
     logging.getLogger("exifread").setLevel(logging.CRITICAL)
     try:
-        with path.open("rb") as file:
+        with _BoundedReads(io.FileIO(path)) as file:
             return dict(exifread.process_file(file, details=False))
     except Exception:  # EXIF is a help and no condition; the pixels' own reader has the last word
         return {}
+
+
+class _BoundedReads(io.BufferedReader):
+    """A file that is asked so often at most: damaged counts ask for millions of tags."""
+
+    left = _MOST_READS
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        content = super().read(size)
+        self.left -= 1 if content else _READS_BEHIND_THE_END
+        if self.left < 0:
+            raise OSError("more tags than any camera writes")
+        return content
 
 
 def _facts(tags: dict[str, Any]) -> PhotoFacts:
