@@ -94,8 +94,8 @@ def _judged(error: WorkbenchError, target: Target, folder: Path) -> Outcome:
     # Settings come from three places, of which the option's name tells enough.
     needed = ("fix",) if isinstance(error, SettingsError) else ("file", "fix")
     lacks = [name for name in needed if not getattr(error, name)]
-    named = Path(error.file or folder)
-    if not (target.names_elsewhere or named.is_relative_to(folder.parent)):
+    named = os.fspath(error.file or folder)
+    if not (target.names_elsewhere or named.startswith(f"{folder.parent}/")):
         lacks = ["a file that was given"]
     if lacks:
         told = "".join(traceback.format_exception(error))
