@@ -26,8 +26,8 @@ import numpy as np
 
 from workbench.cloud.building import build_cloud
 from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.cloud.regions import Box
 from workbench.cloud.schema import Attribute, Schema
+from workbench.geometry.regions import Box
 from workbench.geometry.transforms import apply, from_twist, rotate
 from workbench.kernels.chunk_planes import morton_codes
 

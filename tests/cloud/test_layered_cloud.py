@@ -12,9 +12,9 @@ import pytest
 
 from tests.cloud.cloud_fixtures import MEMORY, SCHEMA, arrays_of, build, check_whole
 from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.cloud.regions import EVERYWHERE, Box, Frustum, Sphere
 from workbench.cloud.schema import Attribute
 from workbench.errors import InputError, ProjectLockedError, SettingsError, WorkbenchError
+from workbench.geometry.regions import EVERYWHERE, Box, Frustum, Sphere
 from workbench.geometry.transforms import from_twist
 
 RNG = np.random.default_rng(33)

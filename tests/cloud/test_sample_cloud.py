@@ -8,9 +8,9 @@ import pytest
 from tests.cloud.cloud_fixtures import build
 from workbench.cloud.building import build_cloud
 from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.cloud.regions import Box
 from workbench.cloud.sample_cloud import SampleBlocks, samples_in, samples_schema
 from workbench.errors import InputError
+from workbench.geometry.regions import Box
 from workbench.geometry.samples import Samples
 
 RNG = np.random.default_rng(12)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from workbench.cloud.regions import Box
 from workbench.cloud.sample_source import SampleSource
 from workbench.geometry.filling_box import filling_box
 from workbench.geometry.neighbours import k_nearest, tree_of
+from workbench.geometry.regions import Box
 from workbench.geometry.robust import robust_sigma
 from workbench.geometry.samples import Samples
 
@@ -68,7 +68,7 @@ class ScannedSurface:
         """Of consolidated samples ``apart_m`` apart; no more than ``most`` are held."""
         few = source.thinned(most)
         apart_m *= float(np.sqrt(len(source) / len(few)))
-        return cls(tree_of(few.points), few.normals, apart_m, Box(*filling_box(*source.bounds)))
+        return cls(tree_of(few.points), few.normals, apart_m, filling_box(*source.bounds))
 
     def missed(self, samples: Samples) -> Missed:
         """Which of a photograph's samples, in the project frame, lie on no scanned surface.

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from workbench.cloud.building import FORMAT, building_folder, header_of
 from workbench.cloud.cache import ChunkCache, Key
 from workbench.cloud.chunk_codec import decode, encode_attribute
-from workbench.cloud.regions import EVERYWHERE, Region
 from workbench.cloud.schema import POINTS, Arrays, Attribute, Schema
 from workbench.cloud.store import ChunkStore
 from workbench.cloud.tree import Tree
 from workbench.errors import InputError, SettingsError
+from workbench.geometry.regions import EVERYWHERE, Region
 
 CACHE_BYTES = 256 << 20
 #: So many chunks are read ahead of the one in use.

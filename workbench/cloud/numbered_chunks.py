@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.cloud.regions import Frustum
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.photo_view import PlainBlock
+from workbench.geometry.regions import Frustum
 from workbench.geometry.transforms import apply, inverse, rotate
 
 

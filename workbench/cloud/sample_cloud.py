@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.cloud.regions import EVERYWHERE, Region
 from workbench.cloud.schema import POINTS, Arrays, Attribute, Schema
 from workbench.errors import InputError
+from workbench.geometry.regions import EVERYWHERE, Region
 from workbench.geometry.samples import Samples
 
 _ALWAYS = (

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from workbench.cloud.fusion import merged
 from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.cloud.regions import Box
 from workbench.cloud.sample_cloud import samples_in
+from workbench.geometry.regions import Box
 from workbench.geometry.samples import Samples
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.cloud.regions import Box
 from workbench.cloud.sample_cloud import samples_in
+from workbench.geometry.regions import Box
 from workbench.geometry.samples import Samples
 
 # A seed of its own, so that thinning and nothing else depends on it.

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from workbench.cloud.building import build_cloud
 from workbench.cloud.layered_cloud import LayeredCloud
-from workbench.cloud.regions import Box
 from workbench.cloud.schema import Attribute, Schema
 from workbench.geometry.orientedscan import OrientationSettings, orient
 from workbench.geometry.photo_camera import PhotoCamera
 from workbench.geometry.point_set import PointSet
 from workbench.geometry.rangemap import RangeMap
+from workbench.geometry.regions import Box
 from workbench.geometry.transforms import inverse, looking_at
 from workbench.pointcodecs.cube_export import CubeOptions, export_point_cubes
 from workbench.pointcodecs.cube_file import read_point_cubes

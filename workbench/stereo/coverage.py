@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from workbench.geometry.filling_box import filling_box
 from workbench.geometry.neighbours import k_nearest, nearest, tree_of
+from workbench.geometry.regions import Box
 from workbench.stereo.choice import SeenPoints
 
 # So many samples of a scan tell where it has any.
@@ -30,13 +31,12 @@ class ScannedPlaces:
     ----------
     tree : of samples, metres.
     apart_m : typical distance between neighbouring ones.
-    low, high : (3,), (3,) corners of the box within which something may have been missed.
+    box : within which something may have been missed.
     """
 
     tree: cKDTree
     apart_m: float
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    box: Box
 
     @classmethod
     def of(cls, scans: Iterable[NDArray[np.float64]]) -> ScannedPlaces | None:
@@ -53,11 +53,7 @@ class ScannedPlaces:
             return None
         every = np.concatenate(parts)
         box = filling_box(every.min(axis=0), every.max(axis=0))
-        return cls(tree_of(every), float(np.median(apart)), *box)
-
-    def around(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie within the box."""
-        return np.asarray(((points >= self.low) & (points <= self.high)).all(axis=1))
+        return cls(tree_of(every), float(np.median(apart)), box)
 
     def hold(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which points (n, 3) were scanned: near a sample, or no farther than most scatter."""
@@ -76,7 +72,7 @@ def held_shares(seen: SeenPoints, scanned: ScannedPlaces | None) -> dict[str, fl
     """
     if scanned is None:
         return dict.fromkeys(seen.names)
-    around = scanned.around(seen.points)
+    around = scanned.box.contains(seen.points)
     points, by_photo = seen.points[around], seen.seen[around]
     held = scanned.hold(points)
     shares: dict[str, float | None] = {}

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workbench.cloud.regions import EVERYWHERE, Box, Frustum, Region, Sphere
 from workbench.errors import SettingsError
+from workbench.geometry.regions import EVERYWHERE, Box, Frustum, Region, Sphere
 from workbench.geometry.transforms import from_twist
 
 
