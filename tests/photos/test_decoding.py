@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,8 @@ from PIL import Image, ImageCms
 from tests.photos.conftest import BLACK, WHITE
 from workbench.errors import InputError
 from workbench.formats.icc_profile import linear_rgb_profile, srgb_profile
+from workbench.formats.photo_preview import read_preview
+from workbench.formats.photo_reading import read_photo
 from workbench.photos.decoding import read_linear
 
 
@@ -204,3 +207,20 @@ def test_a_cut_picture_is_named(tmp_path: Path, suffix: str) -> None:
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(InputError, match="cannot be read"):
         read_linear(path)
+
+
+def test_a_camera_without_colour_gives_three_channels_alike(dng, gradient) -> None:
+    path = dng(gradient)
+    of_colors, of_none = (struct.pack("<HHIH", 262, 3, 1, k) for k in (32803, 34892))
+    data = path.read_bytes()
+    assert data.count(of_colors) == 1
+    path.write_bytes(data.replace(of_colors, of_none))
+    photo = read_linear(path)
+    assert photo.white_balance is None
+    assert photo.camera_from_xyz is None
+    rows, cols = gradient.shape
+    for pixels in (photo.values, read_photo(path), read_preview(path, max(rows, cols) // 2)):
+        assert pixels.shape[2] == 3
+        np.testing.assert_array_equal(pixels[..., 0], pixels[..., 1])
+        np.testing.assert_array_equal(pixels[..., 0], pixels[..., 2])
+    np.testing.assert_allclose(photo.values[..., 0], _light(gradient), atol=2e-4)

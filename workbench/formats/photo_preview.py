@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.formats.photo_reading import PLAIN_SUFFIXES, QUARTER_TURNS, opened_raw, readable
+from workbench.formats.photo_reading import (
+    PLAIN_SUFFIXES,
+    QUARTER_TURNS,
+    in_three_channels,
+    opened_raw,
+    readable,
+)
 from workbench.formats.picture_file import opened_picture
 
 if TYPE_CHECKING:
@@ -57,7 +63,7 @@ def _raw_preview(path: Path, long_side_px: int) -> Image:
             turns = QUARTER_TURNS.get(raw.sizes.flip, 0)
             return Image.fromarray(np.rot90(np.asarray(inside.convert("RGB")), turns))
         half = raw.postprocess(half_size=True, use_camera_wb=True, no_auto_bright=True)
-        return Image.fromarray(half)
+        return Image.fromarray(in_three_channels(half))
 
 
 def _picture_inside(raw: Any) -> Image | None:
@@ -71,7 +77,7 @@ def _picture_inside(raw: Any) -> Image | None:
         return None
     if thumb.format == rawpy.ThumbFormat.JPEG:
         return Image.open(io.BytesIO(thumb.data))
-    return Image.fromarray(thumb.data)
+    return Image.fromarray(in_three_channels(thumb.data))
 
 
 def _reduced(picture: Image, long_side_px: int) -> NDArray[np.uint8]:

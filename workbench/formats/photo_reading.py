@@ -55,7 +55,13 @@ def read_photo(path: Path) -> NDArray[np.uint8]:
                 use_camera_wb=True,
                 no_auto_bright=True,
             )
-            return np.asarray(developed, np.uint8)
+            return in_three_channels(developed)
+
+
+def in_three_channels(pixels: NDArray[Any]) -> NDArray[Any]:
+    """(h, w, 3) of what LibRaw made: of cameras without colour that is (h, w, 1) or (h, w)."""
+    height, width = pixels.shape[:2]
+    return np.broadcast_to(pixels.reshape(height, width, -1), (height, width, 3))
 
 
 def photo_size(path: Path) -> tuple[int, int]:

@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.icc_profile import MatrixProfile, read_matrix_profile, srgb_profile
-from workbench.formats.photo_reading import PLAIN_SUFFIXES, QUARTER_TURNS, opened_raw, readable
+from workbench.formats.photo_reading import (
+    PLAIN_SUFFIXES,
+    QUARTER_TURNS,
+    in_three_channels,
+    opened_raw,
+    readable,
+)
 from workbench.formats.picture_file import opened_picture, require_whole_chunks
 
 if TYPE_CHECKING:
@@ -52,8 +58,9 @@ class LinearPhoto:
 
     Attributes
     ----------
-    values : (h, w, 3) float32 linear RGB of the camera, upright, 1 where the sensor is full;
-        linear RGB of the profile where the picture was linearised from one.
+    values : (h, w, 3) float32 linear RGB of the camera, upright, 1 where the sensor is full, all
+        channels alike for a camera without colour; linear RGB of the profile where the picture
+        was linearised from one.
     usable : (h, w) uint8, 255 where no photosite that the pixel was made of is full, else 0.
     white_balance : (3,) multipliers that the camera chose, green 1; None where it tells none.
     camera_from_xyz : (3, 3) the camera's colour matrix relative to D65 as LibRaw knows it;
@@ -130,18 +137,19 @@ def _developed(
     usable = _usable(raw, mosaic, full, black, half_size, _REACH_PX[demosaic])
     digital = raw.postprocess(**options)
     balance = np.array(raw.camera_whitebalance[:3], float)
-    values = digital.astype(np.float32) * np.float32(1 / _FULL)
+    values = in_three_channels(digital).astype(np.float32) * np.float32(1 / _FULL)
     height, width = values.shape[:2]
     if usable.shape != (height, width):  # photosites that are not square
         stretched = cv2.resize(usable, (width, height), interpolation=cv2.INTER_NEAREST)
         usable = stretched.astype(np.uint8)
+    colored = raw.num_colors > 1  # no channel of a camera without colour has a balance
     # LibRaw says 1, 1, 1 where the file says nothing.
-    known = bool((balance > 0).all()) and not bool((balance == 1.0).all())
+    known = colored and bool((balance > 0).all()) and not bool((balance == 1.0).all())
     return LinearPhoto(
         values,
         np.ascontiguousarray(usable, np.uint8),
         balance / balance[1] if known else None,
-        _camera_matrix(raw),
+        _camera_matrix(raw) if colored else None,
         float(black.mean()),
         float(white),
     )
