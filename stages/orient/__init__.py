@@ -163,7 +163,7 @@ def _oriented(
                 str(known.get(name, {}).get(key)) for key in ("camera", "lens", "focal_length_mm")
             ),
             focal_px=_focal_px(known.get(name, {})),
-            mask=products.load("photo_masks", name) if name in masked else None,
+            mask=products.path("photo_masks", name) if name in masked else None,
         )
         for name, path in photos.items()
     ]

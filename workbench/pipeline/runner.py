@@ -18,6 +18,7 @@ from workbench.pipeline.freshness import (
     settings_hash,
     state_of,
 )
+from workbench.pipeline.memory import give_back
 from workbench.pipeline.meter import Meter
 from workbench.pipeline.planner import Pipeline, PlannedStage, make_plan, needed_for, selected
 from workbench.pipeline.progress import Progress, format_seconds
@@ -132,6 +133,7 @@ class _Run:
     def _done(self, planned: PlannedStage, reason: str) -> dict[str, Any]:
         project, stage, options = self.project, planned.stage, planned.options
         self.progress.line(f"{stage.name}: {reason}")
+        give_back()
         folder = RecordFolder(project, stage.name)
         # Before the work, so that an input that changes meanwhile is found to have changed.
         read = [name for name in stage.reads if name not in planned.absent and name != "records"]

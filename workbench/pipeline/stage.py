@@ -124,6 +124,10 @@ class Products:
         there = self._readable(name) not in self._absent
         return there and self._project.store.exists(name, item)
 
+    def path(self, name: str, item: str | None = None) -> Path:
+        """The file of a declared artefact, for who reads it later."""
+        return self._project.store.path(self._there(name), item)
+
     def items(self, name: str) -> tuple[str, ...]:
         """The items that exist of a declared artefact."""
         there = self._readable(name) not in self._absent
