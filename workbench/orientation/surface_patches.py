@@ -74,12 +74,24 @@ class PatchedModel:
 
 
 @dataclass(frozen=True)
-class _Sighting:
-    """Where a patch was seen: image, pixel (2,) and information (3,); none where it is from."""
+class _Tracks:
+    """Where patches of one photograph were seen, patch after patch.
 
-    image: int
-    pixel: NDArray[np.float64]
-    information: NDArray[np.float64] | None = None
+    Attributes
+    ----------
+    places : (k, 3) their middles on the surface.
+    patch, image : (n,) of each sighting its patch, in order, and the photograph; the first of a
+        patch is where it is from, the others follow by their photographs' numbers.
+    pixels : (n, 2) the pixel of the patch's middle.
+    information : (n, 3) on it, xx, xy and yy; the first has the mean of the others, for the patch
+        itself is as noisy as where it was found again.
+    """
+
+    places: NDArray[np.float64]
+    patch: NDArray[np.intp]
+    image: NDArray[np.intp]
+    pixels: NDArray[np.float64]
+    information: NDArray[np.float64]
 
 
 def with_surface_patches(
@@ -104,32 +116,63 @@ def with_surface_patches(
     PatchedModel, whose points are seen by three photographs or more; it may have none.
     """
     options = options or PatchOptions()
-    numbers = sorted(model.images)
-    cameras = {number: _camera_of(model, number, pictures[number].shape) for number in numbers}
-    smooth = {n: _smooth(pictures[n], masks.get(n)) for n in numbers}
+    cameras = {n: _camera_of(model, n, pictures[n].shape) for n in sorted(model.images)}
+    tracks = _all_tracks(pictures, masks, cameras, surface, options)
+    return _rebuilt(model, tracks, cameras, options.half_px)
 
-    def followed(number: int) -> list[tuple[NDArray[np.float64], list[_Sighting]]]:
+
+def _all_tracks(
+    pictures: Mapping[int, NDArray[np.uint8]],
+    masks: Mapping[int, NDArray[np.uint8]],
+    cameras: Mapping[int, PhotoCamera],
+    surface: SurfaceRays,
+    options: PatchOptions,
+) -> list[_Tracks]:
+    """Of every photograph, the patches that three or more see."""
+    smooth = {n: _smooth(pictures[n], masks.get(n)) for n in cameras}
+
+    def followed(number: int) -> _Tracks:
         patches = _patches(pictures[number], masks.get(number), cameras[number], surface, options)
-        found = [[_Sighting(number, corner)] for corner in patches.corners]
-        for other in numbers:
-            if other == number or not len(patches.corners):
+        count = len(patches.corners)
+        own = np.arange(count)
+        parts = [(own, np.full(count, number), patches.corners, np.zeros((count, 3)))]
+        for other in cameras:
+            if other == number or not count:
                 continue
             rows, seen = _matched(
                 smooth[number], smooth[other], patches, cameras[number], cameras[other],
                 surface, options,
             )  # fmt: skip
-            for row, one in zip(rows, seen, strict=True):
-                found[row].append(_Sighting(other, one[:2], one[2:]))
-        return [
-            (place, seen)
-            for place, seen in zip(patches.middles, found, strict=True)
-            if len(seen) >= _LEAST_VIEWS
-        ]
+            parts.append((rows, np.full(len(rows), other), seen[:, :2], seen[:, 2:]))
+        return _tracks_of(patches.middles, *map(np.concatenate, zip(*parts, strict=True)))
 
     # One photograph's patches take some 100 MB: no more at once than can be worked on.
     with ThreadPoolExecutor(cpu_count()) as pool:
-        tracks = [track for part in pool.map(followed, numbers) for track in part]
-    return _rebuilt(model, tracks, cameras, options.half_px)
+        return list(pool.map(followed, cameras))
+
+
+def _tracks_of(
+    places: NDArray[np.float64],
+    patch: NDArray[np.intp],
+    image: NDArray[np.intp],
+    pixels: NDArray[np.float64],
+    information: NDArray[np.float64],
+) -> _Tracks:
+    """Sightings, a photograph's after those of another, put in order of their patches.
+
+    Patches that too few see are left out; the information of first sightings is zero yet.
+    """
+    views = np.bincount(patch, minlength=len(places))
+    often = views >= _LEAST_VIEWS
+    order = np.argsort(patch, kind="stable")
+    order = order[often[patch[order]]]
+    views = views[often]
+    informed = information[order]
+    first = np.cumsum(views) - views
+    if len(first):
+        informed[first] = np.add.reduceat(informed, first) / (views - 1)[:, None]
+    renumbered = np.repeat(np.arange(len(views)), views)
+    return _Tracks(places[often], renumbered, image[order], pixels[order], informed)
 
 
 @dataclass(frozen=True)
@@ -260,66 +303,45 @@ def _smooth(picture: NDArray[np.uint8], mask: NDArray[np.uint8] | None) -> NDArr
 
 
 def _rebuilt(
-    model: ColmapModel,
-    tracks: list[tuple[NDArray[np.float64], list[_Sighting]]],
-    cameras: Mapping[int, PhotoCamera],
-    half_px: int,
+    model: ColmapModel, parts: list[_Tracks], cameras: Mapping[int, PhotoCamera], half_px: int
 ) -> PatchedModel:
-    pixels: dict[int, list[NDArray[np.float64]]] = {n: [] for n in model.images}
-    sure: dict[int, list[NDArray[np.float64]]] = {n: [] for n in model.images}
-    owners: dict[int, list[int]] = {n: [] for n in model.images}
-    enlarged = {
-        n: np.array(
-            [
-                model.cameras[model.images[n].camera_id].width / camera.width,
-                model.cameras[model.images[n].camera_id].height / camera.height,
-            ]
+    before = np.cumsum([0, *(len(part.places) for part in parts)])
+    track = np.concatenate([part.patch + start for part, start in zip(parts, before, strict=False)])
+    image = np.concatenate([part.image for part in parts])
+    pixels = np.concatenate([part.pixels for part in parts])
+    information = np.concatenate([part.information for part in parts])
+    images, sure = {}, {}
+    place_in_image = np.zeros(len(image), np.int64)
+    covered, parts_of_pixels = 0, 0.0
+    for n, was in model.images.items():
+        own = np.flatnonzero(image == n)
+        place_in_image[own] = np.arange(len(own))
+        camera, full = cameras[n], model.cameras[was.camera_id]
+        enlarged = np.array([full.width / camera.width, full.height / camera.height])
+        images[n] = replace(was, points2d=pixels[own] * enlarged, point3d_ids=track[own] + 1)
+        sure[n] = information[own]
+        overlaps = _overlaps(camera, pixels[own], half_px)
+        covered += int((overlaps > 0.5).sum())
+        parts_of_pixels += float(overlaps.sum())
+    seen = np.column_stack([image.astype(np.int64), place_in_image])
+    ends = np.searchsorted(track, np.arange(before[-1] + 1))
+    places = np.concatenate([part.places for part in parts])
+    points = {
+        number + 1: ColmapPoint(
+            number + 1, place, np.full(3, 128, np.uint8), 0.0, seen[ends[number] : ends[number + 1]]
         )
-        for n, camera in cameras.items()
+        for number, place in enumerate(places)
     }
-    points = {}
-    for number, (place, seen) in enumerate(tracks, start=1):
-        track = []
-        # The patch itself is as noisy as where it was found again.
-        own = np.mean([one.information for one in seen if one.information is not None], axis=0)
-        for one in seen:
-            track.append((one.image, len(pixels[one.image])))
-            pixels[one.image].append(one.pixel * enlarged[one.image])
-            sure[one.image].append(own if one.information is None else one.information)
-            owners[one.image].append(number)
-        points[number] = ColmapPoint(
-            number, place, np.full(3, 128, np.uint8), 0.0, np.array(track, np.int64)
-        )
-    images = {
-        n: replace(
-            image,
-            points2d=np.array(pixels[n], float).reshape(-1, 2),
-            point3d_ids=np.array(owners[n], np.int64),
-        )
-        for n, image in model.images.items()
-    }
-    information = {n: np.array(rows, float).reshape(-1, 3) for n, rows in sure.items()}
-    overlap = _overlap(cameras, tracks, half_px)
-    return PatchedModel(ColmapModel(model.cameras, images, points), information, overlap)
+    overlap = parts_of_pixels / covered if covered else 1.0
+    return PatchedModel(ColmapModel(model.cameras, images, points), sure, overlap)
 
 
-def _overlap(
-    cameras: Mapping[int, PhotoCamera],
-    tracks: list[tuple[NDArray[np.float64], list[_Sighting]]],
-    half_px: int,
-) -> float:
-    """How many patches a pixel is part of, on average over those that are part of any."""
-    middles = {
-        n: np.zeros((camera.height, camera.width), np.float32) for n, camera in cameras.items()
-    }
-    for _, seen in tracks:
-        for one in seen:
-            column, row = one.pixel.astype(int)
-            middles[one.image][row, column] += 1.0
+def _overlaps(
+    camera: PhotoCamera, pixels: NDArray[np.float64], half_px: int
+) -> NDArray[np.float32]:
+    """(h, w) how many patches each pixel is part of, from the pixels (n, 2) of their middles."""
+    middles = np.zeros((camera.height, camera.width), np.float32)
+    columns, rows = pixels.astype(int).T
+    np.add.at(middles, (rows, columns), np.float32(1.0))
     side = 2 * half_px + 1
-    covered, total = 0, 0.0
-    for middle in middles.values():
-        parts = cv2.boxFilter(middle, -1, (side, side), normalize=False)
-        covered += int((parts > 0.5).sum())
-        total += float(parts.sum())
-    return total / covered if covered else 1.0
+    return np.asarray(cv2.boxFilter(middles, -1, (side, side), normalize=False), np.float32)
