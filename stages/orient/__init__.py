@@ -47,7 +47,15 @@ def needed(scene: Scene, options: OrientOptions) -> Need:
 
 
 def estimate(scene: Scene, options: OrientOptions) -> Estimate:
-    return Estimate(5 * options.memory_pixels + 2**30, 2**26)
+    from workbench.orientation.alignment import AlignmentOptions
+    from workbench.orientation.surface_patches import MOST_TRACKS
+
+    # A patch is seen by a sixth of the photographs at most; the adjustment takes some of them.
+    seen_by = max(3, scene.photos // 6)
+    tracks = min(MOST_TRACKS, scene.photos * options.patches_per_photo)
+    adjusted = min(AlignmentOptions.most_patches, tracks)
+    memory = 6 * options.memory_pixels + seen_by * (160 * tracks + 800 * adjusted)
+    return Estimate(memory + 2**30, 2**26)
 
 
 def run(job: Job[OrientOptions]) -> StageResult:

@@ -49,7 +49,7 @@ class OrientOptions(StageOptions):
     memory_pixels: int = Field(
         400_000_000,
         ge=1_000_000,
-        description="Pixels of all photographs held at once for patches, some five bytes each; "
+        description="Pixels of all photographs held at once for patches, some six bytes each; "
         "larger photographs are reduced alike.",
     )
     given_unit: Literal["m", "none"] = Field(

@@ -11,6 +11,7 @@ import pytest
 from tests.orientation.blob import body, photographed
 from workbench.geometry.robust import robust_sigma
 from workbench.geometry.surface_rays import SurfaceRays
+from workbench.orientation import surface_patches
 from workbench.orientation.bundle import Bundle
 from workbench.orientation.surface_patches import PatchOptions, with_surface_patches
 
@@ -100,6 +101,17 @@ def test_masks_and_reduced_pictures(scene):
     # Still in pixels of the photographs, and as exact in those of the reduced ones.
     assert np.abs(np.median(bundle.projected() - bundle.pixels, axis=0)).max() < 0.05
     assert robust_sigma((bundle.projected() - bundle.pixels).ravel()) < 0.2
+
+
+def test_of_too_many_patches_those_that_most_see_are_kept(scene, monkeypatch):
+    model, pictures, rays = scene
+    every = with_surface_patches(model, pictures, {}, rays, OPTIONS).model.points
+    monkeypatch.setattr(surface_patches, "MOST_TRACKS", 4 * 20)
+    kept = with_surface_patches(model, pictures, {}, rays, OPTIONS).model.points
+    assert len(kept) == 80 < len(every)
+    lengths = [sorted(len(p.track) for p in points.values()) for points in (every, kept)]
+    assert lengths[1][0] >= lengths[0][0]
+    assert np.mean(lengths[1]) > np.mean(lengths[0])
 
 
 def test_without_paint_there_is_nothing_to_follow(scene):

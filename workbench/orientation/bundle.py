@@ -6,8 +6,10 @@ from central differences of it, which 53 bits leave exact to some nine digits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -18,8 +20,7 @@ from workbench.formats.colmap import NO_POINT, ColmapImage, ColmapModel, ColmapP
 from workbench.geometry.similarity import Similarity
 from workbench.geometry.transforms import from_twist
 from workbench.orientation.lens_belief import LensBelief
-
-Matrices = NDArray[np.float64]
+from workbench.orientation.normal_equations import Linearised, Matrices
 
 # Cauchy's weight function, 95 % efficient on Gaussian residuals.
 _CAUCHY = 2.3849
@@ -27,28 +28,8 @@ _STEP = 1e-6
 _POSE = 6
 # Information of one observation against the typical one's, at most.
 _MOST_SURE = 16.0
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """Normal equations of the reprojections; c camera unknowns, p points.
-
-    Attributes
-    ----------
-    camera_hessian : (c, c); every image's rotation and shift, then every lens's parameters.
-    camera_gradient : (c,).
-    point_hessian : (p, 3, 3).
-    point_gradient : (p, 3).
-    coupling : (c, 3p) sparse.
-    weights : (m,) robust weight of each observation.
-    """
-
-    camera_hessian: Matrices
-    camera_gradient: Matrices
-    point_hessian: Matrices
-    point_gradient: Matrices
-    coupling: Any
-    weights: Matrices
+# Derivatives of one take some two kilobytes.
+OBSERVATIONS_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -168,6 +149,24 @@ class Bundle:
 
     def linearised(self, sigma_px: float) -> Linearised:
         """Normal equations about the present unknowns, in units of the residuals' sigma."""
+        system = reduce(add, (part._of_observations(sigma_px) for part in self._parts()))
+        self._add_beliefs(system.camera_hessian, system.camera_gradient)
+        return system
+
+    def _parts(self) -> Iterator[Bundle]:
+        """The same unknowns with some of the observations each: derivatives take room."""
+        for start in range(0, max(len(self.pixels), 1), OBSERVATIONS_AT_ONCE):
+            part = slice(start, start + OBSERVATIONS_AT_ONCE)
+            yield replace(
+                self,
+                seen_image=self.seen_image[part],
+                seen_point=self.seen_point[part],
+                pixels=self.pixels[part],
+                whitening=self.whitening[part],
+            )
+
+    def _of_observations(self, sigma_px: float) -> Linearised:
+        """Normal equations of the observations alone."""
         local = self._in_cameras()
         apart = self._white(self._imaged(local, self.params) - self.pixels)
         good: NDArray[np.bool_] = np.asarray(np.isfinite(apart).all(axis=1))
@@ -198,7 +197,6 @@ class Bundle:
         np.add.at(gradient, self.seen_point, np.einsum("m,mki,mk->mi", weight, by_point, apart))
         camera_hessian = (scaled.T @ by_camera).toarray()
         camera_gradient = scaled.T @ apart.ravel()
-        self._add_beliefs(camera_hessian, camera_gradient)
         return Linearised(
             camera_hessian,
             camera_gradient,

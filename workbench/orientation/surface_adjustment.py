@@ -25,7 +25,8 @@ from workbench.geometry.robust import TUKEY, robust_sigma, tukey_weights
 from workbench.geometry.similarity import Similarity
 from workbench.geometry.surface_rays import SurfaceRays
 from workbench.geometry.transforms import from_twist
-from workbench.orientation.bundle import Bundle, Linearised
+from workbench.orientation.bundle import Bundle
+from workbench.orientation.normal_equations import Linearised
 
 _SHRINK = 0.6
 # A surface is not known better than this part of its triangles' edges, however well points

@@ -34,6 +34,8 @@ _LEAST_COSINE, _LEAST_COSINE_REFERENCE = 0.35, 0.6
 _LEAST_CORRELATION = 0.85
 _ROUNDS = 12
 _LEAST_VIEWS = 3
+# Of all photographs; several times as many as an adjustment takes part of.
+MOST_TRACKS = 400_000
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ def _all_tracks(
     surface: SurfaceRays,
     options: PatchOptions,
 ) -> list[_Tracks]:
-    """Of every photograph, the patches that three or more see."""
+    """Of every photograph, the patches that three or more see; of very many those most do."""
+    most = max(1, MOST_TRACKS // max(1, len(cameras)))
     smooth = {n: _smooth(pictures[n], masks.get(n)) for n in cameras}
 
     def followed(number: int) -> _Tracks:
@@ -144,7 +147,7 @@ def _all_tracks(
                 surface, options,
             )  # fmt: skip
             parts.append((rows, np.full(len(rows), other), seen[:, :2], seen[:, 2:]))
-        return _tracks_of(patches.middles, *map(np.concatenate, zip(*parts, strict=True)))
+        return _tracks_of(patches.middles, most, *map(np.concatenate, zip(*parts, strict=True)))
 
     # One photograph's patches take some 100 MB: no more at once than can be worked on.
     with ThreadPoolExecutor(cpu_count()) as pool:
@@ -153,6 +156,7 @@ def _all_tracks(
 
 def _tracks_of(
     places: NDArray[np.float64],
+    most: int,
     patch: NDArray[np.intp],
     image: NDArray[np.intp],
     pixels: NDArray[np.float64],
@@ -160,10 +164,13 @@ def _tracks_of(
 ) -> _Tracks:
     """Sightings, a photograph's after those of another, put in order of their patches.
 
-    Patches that too few see are left out; the information of first sightings is zero yet.
+    Patches that too few see are left out, and of more than ``most`` those that fewer see; the
+    information of first sightings is zero yet.
     """
     views = np.bincount(patch, minlength=len(places))
-    often = views >= _LEAST_VIEWS
+    often = np.zeros(len(places), bool)
+    often[np.argsort(-views, kind="stable")[:most]] = True
+    often &= views >= _LEAST_VIEWS
     order = np.argsort(patch, kind="stable")
     order = order[often[patch[order]]]
     views = views[often]
