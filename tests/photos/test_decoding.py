@@ -224,3 +224,4 @@ def test_a_camera_without_colour_gives_three_channels_alike(dng, gradient) -> No
         np.testing.assert_array_equal(pixels[..., 0], pixels[..., 1])
         np.testing.assert_array_equal(pixels[..., 0], pixels[..., 2])
     np.testing.assert_allclose(photo.values[..., 0], _light(gradient), atol=2e-4)
+    assert read_photo(path).flags.writeable

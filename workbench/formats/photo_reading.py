@@ -60,8 +60,8 @@ def read_photo(path: Path) -> NDArray[np.uint8]:
 
 def in_three_channels(pixels: NDArray[Any]) -> NDArray[Any]:
     """(h, w, 3) of what LibRaw made: of cameras without colour that is (h, w, 1) or (h, w)."""
-    height, width = pixels.shape[:2]
-    return np.broadcast_to(pixels.reshape(height, width, -1), (height, width, 3))
+    pixels = pixels.reshape(*pixels.shape[:2], -1)
+    return np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
 
 
 def photo_size(path: Path) -> tuple[int, int]:
