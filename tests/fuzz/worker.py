@@ -75,8 +75,7 @@ class Worker:
 
     def read(self, content: bytes) -> None:
         """Read some packed files, and tell what is wrong with that."""
-        with open(self.current, "wb") as file:
-            file.write(content)
+        self.current.write_bytes(content)
         outcome = read_once(self.target, self.inputs, content, self.done)
         self.done += 1
         self.values += outcome.kind == "value"

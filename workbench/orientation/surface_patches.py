@@ -313,7 +313,9 @@ def _rebuilt(
     model: ColmapModel, parts: list[_Tracks], cameras: Mapping[int, PhotoCamera], half_px: int
 ) -> PatchedModel:
     before = np.cumsum([0, *(len(part.places) for part in parts)])
-    track = np.concatenate([part.patch + start for part, start in zip(parts, before, strict=False)])
+    track = np.concatenate(
+        [part.patch + start for part, start in zip(parts, before[:-1], strict=True)]
+    )
     image = np.concatenate([part.image for part in parts])
     pixels = np.concatenate([part.pixels for part in parts])
     information = np.concatenate([part.information for part in parts])
@@ -330,7 +332,7 @@ def _rebuilt(
         overlaps = _overlaps(camera, pixels[own], half_px)
         covered += int((overlaps > 0.5).sum())
         parts_of_pixels += float(overlaps.sum())
-    seen = np.column_stack([image.astype(np.int64), place_in_image])
+    seen = np.column_stack([image, place_in_image])
     ends = np.searchsorted(track, np.arange(before[-1] + 1))
     places = np.concatenate([part.places for part in parts])
     points = {

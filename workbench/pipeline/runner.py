@@ -299,8 +299,11 @@ def _check_room(
     disk = shutil.disk_usage(project.root).free
     for planned in chosen:
         works = planned.runs or planned.stage.name in forced
+        # What does not run is not asked: some stages load libraries to tell.
+        if not works or planned.action == "left out":
+            continue
         estimate = _estimate(planned, scene)
-        if not works or planned.action == "left out" or estimate is None:
+        if estimate is None:
             continue
         asked = 1 if request.cluster else request.workers or 1
         fits = estimate.workers_within(memory, asked)
