@@ -52,7 +52,7 @@ def test_the_same_link_gives_the_same_picture_with_and_without_a_browser(
     tab = show(f"{serve(site.folder)}#mode=surface&light=camera&{VIEW.link}", width=480, height=240)
     for mode in ("surface", "surfels"):
         tab.page.evaluate(f"() => {{ location.hash = 'mode={mode}&light=camera&{VIEW.link}' }}")
-        tab.page.wait_for_function(f"() => page.stage.entry?.mode === '{mode}'")
+        tab.page.wait_for_function(f"() => window.page?.stage.entry?.mode === '{mode}'")
         tab.page.evaluate("() => { page.stage.look.pixelError = 1; page.stage.redraw(); }")
         tab.settled()
         told, own = render(project.root, mode, VIEW.link, "480x240")
