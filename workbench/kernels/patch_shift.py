@@ -6,20 +6,39 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+# Of a mean of squares: differences of such means are no smaller, they are rounding.
+_ROUNDING = 1e-14
+
 
 @numba.njit(cache=True, nogil=True)
-def _cubic(u: float) -> tuple[float, float, float, float, float, float, float, float]:
-    """Catmull and Rom's weights of four neighbours at u in [0, 1), and their derivatives."""
+def _cubic(u: float) -> tuple[float, float, float, float]:
+    """Catmull and Rom's weights of four neighbours at u in [0, 1)."""
     return (
         0.5 * u * (u * (2.0 - u) - 1.0),
         0.5 * (u * u * (3.0 * u - 5.0) + 2.0),
         0.5 * u * (u * (4.0 - 3.0 * u) + 1.0),
         0.5 * u * u * (u - 1.0),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _cubic_slope(u: float) -> tuple[float, float, float, float]:
+    """The weights' derivatives."""
+    return (
         0.5 * (u * (4.0 - 3.0 * u) - 1.0),
         0.5 * u * (9.0 * u - 10.0),
         0.5 * (u * (8.0 - 9.0 * u) + 1.0),
         0.5 * u * (3.0 * u - 2.0),
     )
+
+
+@numba.njit(cache=True, nogil=True)
+def _along(
+    image: NDArray[np.float32], row: int, column: int, w: tuple[float, float, float, float]
+) -> float:
+    """Four neighbours of a row, weighted; in pairs, which do not wait for each other."""
+    first = w[0] * image[row, column - 1] + w[1] * image[row, column]
+    return float(first + (w[2] * image[row, column + 1] + w[3] * image[row, column + 2]))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -32,19 +51,16 @@ def _sampled(image: NDArray[np.float32], x: float, y: float) -> tuple[float, flo
     column, row = int(np.floor(x)), int(np.floor(y))
     if column < 1 or row < 1 or column + 2 >= image.shape[1] or row + 2 >= image.shape[0]:
         return np.nan, np.nan, np.nan
-    a = _cubic(x - column)
-    b = _cubic(y - row)
-    value, across, down = 0.0, 0.0, 0.0
-    for j in range(4):
-        line, slope = 0.0, 0.0
-        for i in range(4):
-            sample = image[row - 1 + j, column - 1 + i]
-            line += a[i] * sample
-            slope += a[4 + i] * sample
-        value += b[j] * line
-        across += b[j] * slope
-        down += b[4 + j] * line
-    return value, across, down
+    a, across = _cubic(x - column), _cubic_slope(x - column)
+    b, down = _cubic(y - row), _cubic_slope(y - row)
+    above, here = _along(image, row - 1, column, a), _along(image, row, column, a)
+    below, last = _along(image, row + 1, column, a), _along(image, row + 2, column, a)
+    value = (b[0] * above + b[1] * here) + (b[2] * below + b[3] * last)
+    slope_y = (down[0] * above + down[1] * here) + (down[2] * below + down[3] * last)
+    above, here = _along(image, row - 1, column, across), _along(image, row, column, across)
+    below, last = _along(image, row + 1, column, across), _along(image, row + 2, column, across)
+    slope_x = (b[0] * above + b[1] * here) + (b[2] * below + b[3] * last)
+    return value, slope_x, slope_y
 
 
 @numba.njit(cache=True, nogil=True)
@@ -79,69 +95,76 @@ def patch_shifts(
     information = np.full((count, 3), np.nan)
     correlation = np.full(count, np.nan)
     template = np.empty(size)
-    value = np.empty(size)
-    slope = np.empty((size, 2))
     for n in range(count):
-        known = True
-        k = 0
+        k, total = 0, 0.0
         for j in range(-half, half + 1):
             for i in range(-half, half + 1):
                 sample, _, _ = _sampled(reference, reference_xy[n, 0] + i, reference_xy[n, 1] + j)
                 template[k] = sample
-                known = known and not np.isnan(sample)
+                total += sample
                 k += 1
-        if not known:
+        if np.isnan(total):
             continue
-        template -= template.mean()
-        power = np.sqrt((template**2).mean())
+        power = 0.0
+        for k in range(size):
+            template[k] -= total / size
+            power += template[k] ** 2
+        power = np.sqrt(power / size)
         if power < 1e-12:
             continue
-        template /= power
+        for k in range(size):
+            template[k] /= power
         x, y = 0.0, 0.0
-        settled = False
-        agreement = np.nan
-        xx, xy, yy, left = 0.0, 0.0, 0.0, 0.0
         for _ in range(rounds):
+            # Means of the target's value v and slopes p and q, and of their products with each
+            # other and with the template t: one pass tells all that a step takes.
+            v, p, q, vv, pp, qq = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            pq, pv, qv, vt, pt, qt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(size):
-                value[k], slope[k, 0], slope[k, 1] = _sampled(
+                value, across, down = _sampled(
                     target, target_xy[n, k, 0] + x, target_xy[n, k, 1] + y
                 )
-                known = known and not np.isnan(value[k])
-            if not known:
+                t = template[k]
+                v += value
+                p += across
+                q += down
+                vv += value * value
+                pp += across * across
+                qq += down * down
+                pq += across * down
+                pv += across * value
+                qv += down * value
+                vt += value * t
+                pt += across * t
+                qt += down * t
+            if np.isnan(v):
                 break
-            value -= value.mean()
-            contrast = np.sqrt((value**2).mean())
-            if contrast < 1e-12:
+            v, p, q, vt, pt, qt = v / size, p / size, q / size, vt / size, pt / size, qt / size
+            variance = vv / size - v * v
+            if variance <= max(_ROUNDING * vv / size, 1e-24):
                 break
-            agreement = (value * template).mean() / contrast
-            for c in range(2):
-                slope[:, c] -= slope[:, c].mean()
-                # What a change of contrast explains is no shift.
-                slope[:, c] -= template * (slope[:, c] * template).mean()
-            xx = (slope[:, 0] ** 2).sum()
-            yy = (slope[:, 1] ** 2).sum()
-            xy = (slope[:, 0] * slope[:, 1]).sum()
+            # Slopes less their mean and less what a change of contrast explains, which is no shift.
+            xx = pp - size * (p * p + pt * pt)
+            xy = pq - size * (p * q + pt * qt)
+            yy = qq - size * (q * q + qt * qt)
             determinant = xx * yy - xy * xy
             # Along an edge nothing holds the patch.
             if determinant <= 1e-3 * (xx + yy) ** 2:
                 break
-            gain = (value * template).mean()
-            left = ((value - gain * template) ** 2).sum() / (size - 4)
-            rx = (slope[:, 0] * (gain * template - value)).sum()
-            ry = (slope[:, 1] * (gain * template - value)).sum()
+            rx = size * (p * v + pt * vt) - pv
+            ry = size * (q * v + qt * vt) - qv
             dx = (yy * rx - xy * ry) / determinant
             dy = (xx * ry - xy * rx) / determinant
             x += dx
             y += dy
             if dx * dx + dy * dy < 1e-6:
-                settled = True
+                # Of equal patches rounding alone is left, which may be below zero.
+                left = size * max(variance - vt * vt, _ROUNDING * variance) / (size - 4)
+                scale = 1.0 / max(left, 1e-24)
+                shifts[n, 0], shifts[n, 1] = x, y
+                correlation[n] = vt / np.sqrt(variance)
+                information[n, 0] = scale * xx
+                information[n, 1] = scale * xy
+                information[n, 2] = scale * yy
                 break
-        if settled:
-            shifts[n, 0] = x
-            shifts[n, 1] = y
-            correlation[n] = agreement
-            scale = 1.0 / max(left, 1e-24)
-            information[n, 0] = scale * xx
-            information[n, 1] = scale * xy
-            information[n, 2] = scale * yy
     return shifts, correlation, information
