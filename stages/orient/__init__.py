@@ -51,7 +51,7 @@ def estimate(scene: Scene, options: OrientOptions) -> Estimate:
     from workbench.orientation.surface_patches import MOST_TRACKS
 
     # A patch is seen by a sixth of the photographs at most; the adjustment takes some of them.
-    seen_by = max(3, scene.photos // 6)
+    seen_by = min(max(3, scene.photos // 6), options.patch_photos + 1)
     tracks = min(MOST_TRACKS, scene.photos * options.patches_per_photo)
     adjusted = min(AlignmentOptions.most_patches, tracks)
     memory = 6 * options.memory_pixels + seen_by * (160 * tracks + 800 * adjusted)
@@ -247,6 +247,7 @@ def _aligned(
         surface = surface.keep_triangles(measured) if measured.any() else surface
     rounds = options.patch_rounds if refine else 0
     pictures, masks = _pictures(job, model, photos) if rounds else ({}, {})
+    patches = PatchOptions(options.patches_per_photo, most_photos=options.patch_photos)
     with job.progress.step("bringing photographs onto the surface"):
         return aligned(
             model,
@@ -254,7 +255,7 @@ def _aligned(
             pictures,
             masks,
             picks,
-            AlignmentOptions(refine, rounds, PatchOptions(per_photo=options.patches_per_photo)),
+            AlignmentOptions(refine, rounds, patches),
             job.progress.line,
         )
 
@@ -325,5 +326,6 @@ ORIENT = Stage(
         Knob("features", (1500, 3000, 6000), quick=()),
         Knob("patch_rounds", (0, 1, 2), quick=(0,)),
         Knob("patches_per_photo", (2000, 4000, 8000), quick=()),
+        Knob("patch_photos", (8, 16, 32), quick=()),
     ),
 )

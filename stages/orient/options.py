@@ -46,6 +46,12 @@ class OrientOptions(StageOptions):
     patches_per_photo: int = Field(
         8000, ge=100, le=50_000, description="Patches looked for in each photograph."
     )
+    patch_photos: int = Field(
+        32,
+        ge=2,
+        description="Other photographs that each one's patches are looked up in, near and far "
+        "ones; without a bound time grows with the square of the photographs.",
+    )
     memory_pixels: int = Field(
         400_000_000,
         ge=1_000_000,

@@ -114,6 +114,19 @@ def test_of_too_many_patches_those_that_most_see_are_kept(scene, monkeypatch):
     assert np.mean(lengths[1]) > np.mean(lengths[0])
 
 
+def test_patches_are_looked_up_in_near_and_far_photographs_but_no_more_than_asked(scene):
+    model, pictures, rays = scene
+    every = with_surface_patches(model, pictures, {}, rays, OPTIONS).model.points
+    assert max(len(point.track) for point in every.values()) == 4
+    two = with_surface_patches(model, pictures, {}, rays, replace(OPTIONS, most_photos=2))
+    seen = [tuple(point.track[:, 0]) for point in two.model.points.values()]
+    # The cameras stand in a row: of the first, the second sees most and the fourth least.
+    assert {who for who in seen if who[0] == 1} == {(1, 2, 4)}
+    assert {len(who) for who in seen} == {3}
+    enough = with_surface_patches(model, pictures, {}, rays, replace(OPTIONS, most_photos=3))
+    assert len(enough.model.points) == len(every)
+
+
 def test_without_paint_there_is_nothing_to_follow(scene):
     model, pictures, rays = scene
     blank = {n: np.full_like(p, 128) for n, p in pictures.items()}

@@ -34,6 +34,8 @@ _LEAST_COSINE, _LEAST_COSINE_REFERENCE = 0.35, 0.6
 _LEAST_CORRELATION = 0.85
 _ROUNDS = 12
 _LEAST_VIEWS = 3
+# Patches of a photograph by which it is told who shows how many of them.
+_COUNTED = 256
 # Of all photographs; several times as many as an adjustment takes part of.
 MOST_TRACKS = 400_000
 
@@ -48,12 +50,15 @@ class PatchOptions:
     apart_px : between two corners.
     half_px : patches are (2 half + 1)² pixels.
     most_shift_px : a patch further from where the surface says is not the same.
+    most_photos : that the patches of one are looked up in; time would grow with the square of
+        the photographs, and what more of them tell of a camera shrinks.
     """
 
     per_photo: int = 8000
     apart_px: float = 2.5
     half_px: int = 6
     most_shift_px: float = 2.5
+    most_photos: int = 32
 
 
 @dataclass(frozen=True)
@@ -139,9 +144,7 @@ def _all_tracks(
         count = len(patches.corners)
         own = np.arange(count)
         parts = [(own, np.full(count, number), patches.corners, np.zeros((count, 3)))]
-        for other in cameras:
-            if other == number or not count:
-                continue
+        for other in _to_look_in(number, patches, cameras, surface, options.most_photos):
             rows, seen = _matched(
                 smooth[number], smooth[other], patches, cameras[number], cameras[other],
                 surface, options,
@@ -235,6 +238,57 @@ def _patches(
     return _Patches(corners[good], places[good], places[good, middle], normals[good, middle])
 
 
+def _to_look_in(
+    number: int,
+    patches: _Patches,
+    cameras: Mapping[int, PhotoCamera],
+    surface: SurfaceRays,
+    most: int,
+) -> list[int]:
+    """Photographs that may show patches of one, by number.
+
+    Of more than ``most`` evenly those that see many and those that see few of them: near ones
+    tell the rays well, far ones the depth.
+    """
+    others = [n for n in cameras if n != number] if len(patches.middles) else []
+    if len(others) <= most:
+        return others
+    some = np.arange(0, len(patches.middles), -(-len(patches.middles) // _COUNTED))
+    camera = cameras[number]
+    shared = np.array([len(_shown(patches, some, camera, cameras[n], surface)) for n in others])
+    ranked = np.argsort(-shared, kind="stable")[: np.count_nonzero(shared)]
+    if len(ranked) > most:
+        ranked = ranked[np.linspace(0, len(ranked) - 1, most).round().astype(int)]
+    return [others[k] for k in sorted(ranked)]
+
+
+def _shown(
+    patches: _Patches,
+    rows: NDArray[np.intp],
+    camera: PhotoCamera,
+    other: PhotoCamera,
+    surface: SurfaceRays,
+) -> NDArray[np.intp]:
+    """Of these rows of patches those whose middles another photograph shows, not too steeply."""
+    places, normals = patches.middles[rows], patches.normals[rows]
+    towards = other.center - places
+    distance = np.linalg.norm(towards, axis=1)
+    facing = (normals * towards).sum(axis=1) / distance
+    own = (normals * (camera.center - places)).sum(axis=1)
+    middles, _ = other.project(places)
+    inside = np.flatnonzero(
+        (middles > 0).all(axis=1)
+        & (middles[:, 0] < other.width)
+        & (middles[:, 1] < other.height)
+        & (np.sign(own) * facing > _LEAST_COSINE)
+    )
+    if not len(inside):
+        return rows[inside]
+    met = surface.first_met(other.center, -towards[inside] / distance[inside, None])
+    before = np.linalg.norm(met.points - other.center, axis=1)
+    return np.asarray(rows[inside[met.found & (before > _NOT_HIDDEN * distance[inside])]])
+
+
 def _matched(
     reference: NDArray[np.float32],
     target: NDArray[np.float32],
@@ -248,24 +302,10 @@ def _matched(
 
     The pixel of each patch's middle, and the information on it, xx, xy and yy.
     """
-    towards = other.center - patches.middles
-    distance = np.linalg.norm(towards, axis=1)
-    facing = (patches.normals * towards).sum(axis=1) / distance
-    own = (patches.normals * (camera.center - patches.middles)).sum(axis=1)
-    middles, _ = other.project(patches.middles)
-    inside = (
-        (middles > 0).all(axis=1)
-        & (middles[:, 0] < other.width)
-        & (middles[:, 1] < other.height)
-        & (np.sign(own) * facing > _LEAST_COSINE)
-    )
-    rows = np.flatnonzero(inside)
-    if len(rows):
-        met = surface.first_met(other.center, -towards[rows] / distance[rows, None])
-        before = np.linalg.norm(met.points - other.center, axis=1)
-        rows = rows[met.found & (before > _NOT_HIDDEN * distance[rows])]
+    rows = _shown(patches, np.arange(len(patches.middles)), camera, other, surface)
     if not len(rows):
         return rows, np.zeros((0, 5))
+    middles, _ = other.project(patches.middles[rows])
     expected, _ = other.project(patches.places[rows].reshape(-1, 3))
     shifts, correlation, information = patch_shifts(
         reference,
@@ -278,7 +318,7 @@ def _matched(
     good = (correlation > _LEAST_CORRELATION) & (
         np.linalg.norm(np.nan_to_num(shifts, nan=np.inf), axis=1) < options.most_shift_px
     )
-    return rows[good], np.hstack([(middles[rows] + shifts), information])[good]
+    return rows[good], np.hstack([middles + shifts, information])[good]
 
 
 def _camera_of(model: ColmapModel, number: int, shape: tuple[int, ...]) -> PhotoCamera:
