@@ -8,24 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import reduce
-from operator import add
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from workbench.formats.colmap import NO_POINT, ColmapImage, ColmapModel, ColmapPoint
 from workbench.geometry.similarity import Similarity
 from workbench.geometry.transforms import from_twist
 from workbench.orientation.lens_belief import LensBelief
-from workbench.orientation.normal_equations import Linearised, Matrices
+from workbench.orientation.normal_equations import POSE, Dependence, Linearised, Matrices
 
 # Cauchy's weight function, 95 % efficient on Gaussian residuals.
 _CAUCHY = 2.3849
 _STEP = 1e-6
-_POSE = 6
 # Information of one observation against the typical one's, at most.
 _MOST_SURE = 16.0
 # Derivatives of one take some two kilobytes.
@@ -49,6 +45,7 @@ class Bundle:
     pixels : (m, 2) observed.
     whitening : (m, 2, 2) what residuals in pixels are multiplied by, so that all are equally
         sure; the identity is an observation as good as the typical one.
+    depends : of all observations, also where the bundle has some of them.
     """
 
     source: ColmapModel
@@ -64,6 +61,7 @@ class Bundle:
     seen_point: NDArray[np.intp]
     pixels: Matrices
     whitening: Matrices
+    depends: Dependence
 
     @classmethod
     def of(
@@ -98,7 +96,11 @@ class Bundle:
             pixels.append(image.points2d[known])
             if information is not None:
                 sure.append(information[number][known])
-        pixel_count = sum(len(part) for part in pixels)
+        seen_image = np.concatenate(images) if images else np.zeros(0, np.intp)
+        seen_point = np.concatenate(seen) if seen else np.zeros(0, np.intp)
+        camera_of_image = np.array(
+            [row_of_camera[model.images[n].camera_id] for n in image_ids], np.intp
+        )
         params = tuple(np.array(model.cameras[n].params, float) for n in camera_ids)
         return cls(
             model,
@@ -107,15 +109,20 @@ class Bundle:
             np.array([model.images[n].camera_from_world for n in image_ids]),
             params,
             tuple(LensBelief.of(model.cameras[n]) for n in camera_ids),
-            np.array([row_of_camera[model.images[n].camera_id] for n in image_ids], np.intp),
+            camera_of_image,
             point_ids,
             np.array([model.points[int(n)].xyz for n in point_ids], float).reshape(-1, 3),
-            np.concatenate(images) if images else np.zeros(0, np.intp),
-            np.concatenate(seen) if seen else np.zeros(0, np.intp),
+            seen_image,
+            seen_point,
             np.concatenate(pixels) if pixels else np.zeros((0, 2)),
-            np.tile(np.eye(2), (pixel_count, 1, 1))
+            np.tile(np.eye(2), (len(seen_point), 1, 1))
             if information is None
             else _whitening(np.concatenate(sure)),
+            Dependence.of(
+                *(seen_image, seen_point, camera_of_image),
+                tuple(len(values) for values in params),
+                len(point_ids),
+            ),
         )
 
     @property
@@ -149,24 +156,25 @@ class Bundle:
 
     def linearised(self, sigma_px: float) -> Linearised:
         """Normal equations about the present unknowns, in units of the residuals' sigma."""
-        system = reduce(add, (part._of_observations(sigma_px) for part in self._parts()))
+        system = Linearised.empty(self.depends)
+        for start in range(0, len(self.pixels), OBSERVATIONS_AT_ONCE):
+            part = slice(start, start + OBSERVATIONS_AT_ONCE)
+            self._part(part)._add_observations(system, part, sigma_px)
+        system.mirror()
         self._add_beliefs(system.camera_hessian, system.camera_gradient)
         return system
 
-    def _parts(self) -> Iterator[Bundle]:
-        """The same unknowns with some of the observations each: derivatives take room."""
-        for start in range(0, max(len(self.pixels), 1), OBSERVATIONS_AT_ONCE):
-            part = slice(start, start + OBSERVATIONS_AT_ONCE)
-            yield replace(
-                self,
-                seen_image=self.seen_image[part],
-                seen_point=self.seen_point[part],
-                pixels=self.pixels[part],
-                whitening=self.whitening[part],
-            )
+    def _part(self, part: slice) -> Bundle:
+        """The same unknowns with some of the observations: derivatives take room."""
+        return replace(
+            self,
+            seen_image=self.seen_image[part],
+            seen_point=self.seen_point[part],
+            pixels=self.pixels[part],
+            whitening=self.whitening[part],
+        )
 
-    def _of_observations(self, sigma_px: float) -> Linearised:
-        """Normal equations of the observations alone."""
+    def _add_observations(self, system: Linearised, part: slice, sigma_px: float) -> None:
         local = self._in_cameras()
         apart = self._white(self._imaged(local, self.params) - self.pixels)
         good: NDArray[np.bool_] = np.asarray(np.isfinite(apart).all(axis=1))
@@ -177,39 +185,15 @@ class Bundle:
         by_point = by_place @ self.poses[self.seen_image, :3, :3]
         turned = np.cross(np.eye(3)[None], local[:, None, :])
         # Turning by w moves a place P by w × P = Σ wᵢ (eᵢ × P).
-        by_pose = np.concatenate([by_place @ turned.transpose(0, 2, 1), by_place], axis=2)
-        by_lens = [self.whitening @ part for part in self._by_lens(local)]
-        by_camera = self._camera_jacobian(by_pose, by_lens)
-        weight = weights / sigma_px**2
-        rows = np.repeat(weight, 2)
-        scaled = sparse.diags_array(rows) @ by_camera
-        pointwise = sparse.csr_array(
-            (
-                by_point.ravel(),
-                (3 * np.repeat(self.seen_point, 6).reshape(-1, 2, 3) + np.arange(3)).ravel(),
-                np.arange(0, by_point.size + 1, 3),
-            ),
-            shape=(2 * len(weights), 3 * len(self.points)),
-        )
-        hessian = np.zeros((len(self.points), 3, 3))
-        gradient = np.zeros((len(self.points), 3))
-        np.add.at(hessian, self.seen_point, np.einsum("m,mki,mkj->mij", weight, by_point, by_point))
-        np.add.at(gradient, self.seen_point, np.einsum("m,mki,mk->mi", weight, by_point, apart))
-        camera_hessian = (scaled.T @ by_camera).toarray()
-        camera_gradient = scaled.T @ apart.ravel()
-        return Linearised(
-            camera_hessian,
-            camera_gradient,
-            hessian,
-            gradient,
-            (scaled.T @ pointwise).tocsr(),
-            weights,
-        )
+        by_turn = by_place @ turned.transpose(0, 2, 1)
+        by_lens = self.whitening @ self._by_lens(local)
+        by_camera = np.concatenate([by_turn, by_place, by_lens], axis=2)
+        system.add(part, self.seen_point, by_camera, by_point, apart, weights, sigma_px)
 
     def moved(self, cameras: Matrices, points: Matrices) -> Bundle:
         """The unknowns after a step of the normal equations."""
         count = len(self.image_ids)
-        twists = cameras[: _POSE * count].reshape(count, _POSE)
+        twists = cameras[: POSE * count].reshape(count, POSE)
         poses = np.array([from_twist(t) @ pose for t, pose in zip(twists, self.poses, strict=True)])
         params = tuple(
             now + cameras[where]
@@ -228,7 +212,7 @@ class Bundle:
         """Standard deviations per image id: of the centre (3,), and of the worst turn, degrees."""
         centers, turns = {}, {}
         for row, number in enumerate(self.image_ids):
-            block = covariance[_POSE * row : _POSE * (row + 1), _POSE * row : _POSE * (row + 1)]
+            block = covariance[POSE * row : POSE * (row + 1), POSE * row : POSE * (row + 1)]
             # A shift by v in the camera moves its centre by −Rᵀv.
             rotation = self.poses[row, :3, :3]
             center = rotation.T @ block[3:, 3:] @ rotation
@@ -275,13 +259,19 @@ class Bundle:
     def _imaged(self, local: Matrices, params: tuple[Matrices, ...]) -> Matrices:
         """Pixels (m, 2) of places (m, 3) before their cameras; NaN of those behind."""
         pixels = np.full((len(local), 2), np.nan)
+        for row, mine in self._by_lenses(local):
+            pixels[mine] = self._lens(row, params[row]).img_from_cam(local[mine])
+        return pixels
+
+    def _by_lenses(self, local: Matrices) -> Iterator[tuple[int, NDArray[np.bool_] | slice]]:
+        """Lenses, and which of the places (m, 3) lie before cameras with them."""
         before = local[:, 2] > 0.0
         lens_of = self.camera_of_image[self.seen_image]
-        for row, values in enumerate(params):
+        for row in range(len(self.params)):
             mine = before & (lens_of == row)
+            # Copying all would take longer than imaging them.
             if mine.any():
-                pixels[mine] = self._lens(row, values).img_from_cam(local[mine])
-        return pixels
+                yield row, slice(None) if mine.all() else mine
 
     def _lens(self, row: int, params: Matrices) -> Any:
         import pycolmap
@@ -300,58 +290,22 @@ class Bundle:
             found[:, :, axis] = (ahead - behind) / (2.0 * step[:, axis : axis + 1])
         return found
 
-    def _by_lens(self, local: Matrices) -> list[Matrices]:
-        """Per lens (m, 2, k) derivatives of pixels by its parameters; 0 for other lenses."""
-        found = []
-        for row, values in enumerate(self.params):
-            part = np.zeros((len(local), 2, len(values)))
+    def _by_lens(self, local: Matrices) -> Matrices:
+        """(m, 2, k) derivatives of pixels by their lens's parameters; k of the longest."""
+        found = np.zeros((len(local), 2, max(len(values) for values in self.params)))
+        for row, mine in self._by_lenses(local):
+            values, places = self.params[row], local[mine]
             for k, value in enumerate(values):
                 step = _STEP * max(1.0, abs(float(value)))
                 change = step * np.eye(len(values))[k]
                 ahead, behind = (
-                    self._imaged(local, self._with_lens(row, values + sign * change))
-                    for sign in (1, -1)
+                    self._lens(row, values + sign * change).img_from_cam(places) for sign in (1, -1)
                 )
-                part[:, :, k] = np.nan_to_num((ahead - behind) / (2.0 * step))
-            found.append(part)
+                found[mine, :, k] = np.nan_to_num((ahead - behind) / (2.0 * step))
         return found
 
-    def _with_lens(self, row: int, values: Matrices) -> tuple[Matrices, ...]:
-        return (*self.params[:row], values, *self.params[row + 1 :])
-
-    def _camera_jacobian(self, by_pose: Matrices, by_lens: list[Matrices]) -> Any:
-        """(2m, c) sparse."""
-        count, poses = len(by_pose), _POSE * len(self.image_ids)
-        size = sum(len(p) for p in self.params)
-        lens_of = self.camera_of_image[self.seen_image]
-        # Rows of one observation hold its pose and its own lens alone.
-        widths = np.array([_POSE + len(self.params[row]) for row in range(len(self.params))])
-        starts = np.concatenate([[0], np.cumsum(np.repeat(widths[lens_of], 2))])
-        flat = np.empty(starts[-1])
-        where = np.empty(starts[-1], np.int64)
-        slices = self._lens_slices()
-        for row, part in enumerate(by_lens):
-            mine = np.flatnonzero(lens_of == row)
-            block = np.concatenate([by_pose[mine], part[mine]], axis=2)
-            first = _POSE * self.seen_image[mine]
-            own = np.concatenate(
-                [
-                    first[:, None] + np.arange(_POSE),
-                    np.broadcast_to(
-                        np.arange(slices[row].start, slices[row].stop),
-                        (len(mine), len(self.params[row])),
-                    ),
-                ],
-                axis=1,
-            )
-            for k in (0, 1):
-                place = starts[2 * mine + k][:, None] + np.arange(block.shape[2])
-                flat[place] = block[:, k]
-                where[place] = own
-        return sparse.csr_array((flat, where, starts), shape=(2 * count, poses + size))
-
     def _lens_slices(self) -> list[slice]:
-        first, found = _POSE * len(self.image_ids), []
+        first, found = POSE * len(self.image_ids), []
         for params in self.params:
             found.append(slice(first, first + len(params)))
             first += len(params)

@@ -13,11 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from workbench.formats.colmap import ColmapModel
@@ -252,21 +250,19 @@ def _step(
 
 
 def _reduced(
-    system: Linearised, point_hessian: NDArray[np.float64], damping: float
-) -> tuple[NDArray[np.float64], Any, NDArray[np.float64]]:
-    """The cameras' system with the points eliminated; coupling; inverses of the points' blocks."""
-    count = len(point_hessian)
+    system: Linearised,
+    point_hessian: NDArray[np.float64],
+    point_gradient: NDArray[np.float64],
+    damping: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The cameras' system with the points eliminated, its right side; the points' inverses."""
     diagonal = np.einsum("nii->ni", point_hessian)
     floor = 1e-12 * max(float(diagonal.max()), 1e-300)
     damped = point_hessian + np.einsum("ni,ij->nij", damping * diagonal + floor, np.eye(3))
     inverse = np.linalg.inv(damped)
-    blocks = sparse.bsr_array(
-        (inverse, np.arange(count), np.arange(count + 1)), shape=(3 * count, 3 * count)
-    ).tocsr()
-    coupled = system.coupling @ blocks
-    reduced = system.camera_hessian - (coupled @ system.coupling.T).toarray()
+    reduced, right = system.without_points(inverse, point_gradient)
     reduced[np.diag_indices_from(reduced)] += damping * np.diag(system.camera_hessian)
-    return reduced, coupled, inverse
+    return reduced, right, inverse
 
 
 def _solved(
@@ -275,8 +271,7 @@ def _solved(
     point_gradient: NDArray[np.float64],
     damping: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    reduced, coupled, inverse = _reduced(system, point_hessian, damping)
-    right = -system.camera_gradient + coupled @ point_gradient.ravel()
+    reduced, right, inverse = _reduced(system, point_hessian, point_gradient, damping)
     # Metres, radians and pixels side by side: solved in units of their own diagonal.
     unit = 1.0 / np.sqrt(np.maximum(np.diag(reduced), 1e-300))
     try:
@@ -284,7 +279,7 @@ def _solved(
     except LinAlgError:
         return None
     cameras = unit * cho_solve(factor, unit * right)
-    back = -point_gradient - (system.coupling.T @ cameras).reshape(-1, 3)
+    back = -point_gradient - (system.coupling @ cameras).reshape(-1, 3)
     return cameras, np.einsum("nij,nj->ni", inverse, back)
 
 
@@ -301,7 +296,7 @@ def _told(
     hessian = system.point_hessian + (
         ties.weight[:, None, None] * ties.normals[:, :, None] * ties.normals[:, None, :]
     )
-    reduced, _, _ = _reduced(system, hessian, 0.0)
+    reduced, _, _ = _reduced(system, hessian, system.point_gradient, 0.0)
     unit = 1.0 / np.sqrt(np.maximum(np.diag(reduced), 1e-300))
     scaled = reduced * unit[:, None] * unit[None, :]
     values = np.linalg.eigvalsh(scaled)
