@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -18,6 +20,7 @@ from workbench.verification.photo_sections import evenly_chosen
 if TYPE_CHECKING:
     from workbench.verification.mask_errors import CheckedMasks, MaskedSamples
     from workbench.verification.mask_sections import MaskedKind, ShownMask
+    from workbench.verification.photo_coverage import MaskedPhoto
     from workbench.verification.report_content import Section
 
 _MASKS_SHOWN = 6
@@ -108,26 +111,37 @@ def _masked_photos(products: Products) -> MaskedKind | None:
 
 def photo_errors(products: Products, names: list[str]) -> CheckedMasks:
     """Errors of photographs' masks against a simulation's truth."""
-    from workbench.formats.colmap import read_colmap_text
-    from workbench.verification.photo_coverage import MaskedPhoto, checked_photo_masks
+    from workbench.verification.photo_coverage import checked_photo_masks
 
-    cameras = read_colmap_text(products.load("truth_cameras").parent).photo_cameras()
-    photos = []
-    for name, camera in cameras.items():
-        if name not in names:
-            continue
-        used = products.load("photo_masks", name)
-        photos.append(
-            MaskedPhoto(
+    arrays = products.load("truth_surface")
+    surface = TriangleMesh(arrays["vertices"], arrays["triangles"])
+    return checked_photo_masks(_MaskedPhotos(products, names), surface)
+
+
+@dataclass(frozen=True)
+class _MaskedPhotos:
+    """Photographs whose masks are read when it is their turn: all together would take gibibytes."""
+
+    products: Products
+    names: list[str]
+
+    def __iter__(self) -> Iterator[MaskedPhoto]:
+        from workbench.formats.colmap import read_colmap_text
+        from workbench.verification.photo_coverage import MaskedPhoto
+
+        products = self.products
+        cameras = read_colmap_text(products.load("truth_cameras").parent).photo_cameras()
+        for name, camera in cameras.items():
+            if name not in self.names:
+                continue
+            used = products.load("photo_masks", name)
+            yield MaskedPhoto(
                 camera,
                 read_mask_png(products.load("truth_object", name)),
                 read_mask_png(products.load("truth_support", name)) > 127,
                 _automatic(products, "photo", name, used),
                 used,
             )
-        )
-    arrays = products.load("truth_surface")
-    return checked_photo_masks(photos, TriangleMesh(arrays["vertices"], arrays["triangles"]))
 
 
 def _automatic(

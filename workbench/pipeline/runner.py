@@ -18,7 +18,7 @@ from workbench.pipeline.freshness import (
     settings_hash,
     state_of,
 )
-from workbench.pipeline.memory import give_back
+from workbench.pipeline.memory import give_back, keep_little
 from workbench.pipeline.meter import Meter
 from workbench.pipeline.planner import Pipeline, PlannedStage, make_plan, needed_for, selected
 from workbench.pipeline.progress import Progress, format_seconds
@@ -71,6 +71,7 @@ def run_pipeline(
         The first error of a stage; what was finished before it stays finished.
     """
     with project_lock(project.root), one_blas_thread():
+        keep_little()
         try:
             project.hashes.remove_unfinished()
             plan = make_plan(pipeline, project, request.overrides)

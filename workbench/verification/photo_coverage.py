@@ -8,15 +8,16 @@ Source: Jaspe 2018, 3.4.7, table 3.2, "true false negatives".
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
-from workbench.masking.evaluation import MaskingErrors, joined_errors, masking_errors
+from workbench.masking.evaluation import joined_errors, masking_errors
 from workbench.render.raycast import RayScene
 from workbench.verification.mask_errors import CheckedMasks
 
@@ -42,39 +43,65 @@ class MaskedPhoto:
     automatic: NDArray[np.uint8]
     final: NDArray[np.uint8]
 
+    @property
+    def masks(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """The two masks that are checked."""
+        return self.automatic, self.final
 
-def checked_photo_masks(photos: Sequence[MaskedPhoto], surface: TriangleMesh) -> CheckedMasks:
+
+def checked_photo_masks(photos: Iterable[MaskedPhoto], surface: TriangleMesh) -> CheckedMasks:
     """Errors of photographs' masks.
 
     Parameters
     ----------
+    photos : gone through twice, one at a time: they need not all be held at once.
     surface : all that stands in the scene, clutter too, in the cameras' world.
     """
     scene = RayScene.of(surface)
+    each, found = [], []
+    for number, photo in enumerate(photos):
+        samples = (photo.truth > 127) | photo.clutter
+        each.append([masking_errors(mask, photo.truth, samples=samples) for mask in photo.masks])
+        found.append(_missed(scene, photo, number))
+    if not each:
+        return CheckedMasks(joined_errors([]), joined_errors([]))
+    missed = _Missed(*map(np.concatenate, zip(*found, strict=True)))
+    covered = missed.by.sum(axis=0) - _nowhere_kept(scene, photos, missed).sum(axis=0)
+    totals = [joined_errors(errors) for errors in zip(*each, strict=True)]
     return CheckedMasks(
         *(
-            joined_errors(_photo_errors(photos, [getattr(p, which) for p in photos], scene))
-            for which in ("automatic", "final")
+            replace(total, true_false_negatives=total.false_negatives - int(count))
+            for total, count in zip(totals, covered, strict=True)
         )
     )
 
 
-def _photo_errors(
-    photos: Sequence[MaskedPhoto], masks: Sequence[NDArray[np.uint8]], scene: RayScene
-) -> Iterable[MaskingErrors]:
-    for photo, mask in zip(photos, masks, strict=True):
-        missed = (photo.truth > 127) & (mask <= 127)
-        covered = np.zeros(mask.shape, bool)
-        rows, columns = np.nonzero(missed)
-        places, found = _places(scene, photo.camera, rows, columns)
-        seen = np.zeros(len(places), bool)
-        for other, other_mask in zip(photos, masks, strict=True):
-            if other is not photo:
-                seen[~seen] = _kept_in(scene, other.camera, other_mask, places[~seen])
-        covered[rows[found], columns[found]] = seen
-        yield masking_errors(
-            mask, photo.truth, covered=covered, samples=(photo.truth > 127) | photo.clutter
-        )
+class _Missed(NamedTuple):
+    """Places (n, 3) that a mask takes away, their photographs (n,), and which masks do (n, 2)."""
+
+    places: NDArray[np.float64]
+    photo: NDArray[np.int64]
+    by: NDArray[np.bool_]
+
+
+def _missed(scene: RayScene, photo: MaskedPhoto, number: int) -> _Missed:
+    lost = np.stack([(photo.truth > 127) & (mask <= 127) for mask in photo.masks], axis=-1)
+    rows, columns = np.nonzero(lost.any(axis=-1))
+    places, found = _places(scene, photo.camera, rows, columns)
+    return _Missed(places, np.full(len(found), number), lost[rows[found], columns[found]])
+
+
+def _nowhere_kept(
+    scene: RayScene, photos: Iterable[MaskedPhoto], missed: _Missed
+) -> NDArray[np.bool_]:
+    """(n, 2) which of the missed places no other photograph's mask of the same kind keeps."""
+    open_ = missed.by.copy()
+    for number, photo in enumerate(photos):
+        asked = np.flatnonzero((missed.photo != number) & open_.any(axis=1))
+        shown, rows, columns = _shown_in(scene, photo.camera, missed.places[asked])
+        for which, mask in enumerate(photo.masks):
+            open_[asked[shown], which] &= mask[rows, columns] <= 127
+    return open_
 
 
 def _places(
@@ -87,21 +114,19 @@ def _places(
     return camera.center + distance[found, None] * directions[found], found
 
 
-def _kept_in(
-    scene: RayScene, camera: PhotoCamera, mask: NDArray[np.uint8], places: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Which places (n, 3) a photograph shows and its mask keeps, (n,)."""
-    kept = np.zeros(len(places), bool)
+def _shown_in(
+    scene: RayScene, camera: PhotoCamera, places: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Which places (n, 3) a photograph shows, and in which rows and columns, (k,) each."""
     pixels, _ = camera.project(places)
     size = np.array([camera.width, camera.height])
-    inside = np.asarray(((pixels >= 0) & (pixels < size)).all(axis=1))
-    column, row = np.floor(pixels[inside]).astype(int).T
-    inside[inside] = mask[row, column] > 127
+    inside = np.flatnonzero(((pixels >= 0) & (pixels < size)).all(axis=1))
     towards = places[inside] - camera.center
     distance = np.linalg.norm(towards, axis=1)
     first = _first_hit(scene, camera.center, towards / distance[:, None])
-    kept[inside] = first > (1.0 - _SAME_DISTANCE) * distance
-    return kept
+    shown = inside[first > (1.0 - _SAME_DISTANCE) * distance]
+    columns, rows = np.floor(pixels[shown]).astype(int).T
+    return shown, rows, columns
 
 
 def _first_hit(
