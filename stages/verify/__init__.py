@@ -70,9 +70,11 @@ def needed(scene: Scene, options: VerifyOptions) -> Need:
 
 
 def estimate(scene: Scene, options: VerifyOptions) -> Estimate:
-    # The surface in its colours, and three blends of them, where there are photographs.
-    per_byte = 25 if scene.photos else 10
-    return Estimate(per_byte * scene.shape_bytes + 2**29, 2**26)
+    # The surface in its colours, and three blends of them, where there are photographs; one of 24
+    # million pixels takes some 3 GiB of buffers while its colours are checked, and those that
+    # texture are kept within 1 GiB.
+    per_byte, photo = (25, 2**32) if scene.photos else (10, 0)
+    return Estimate(per_byte * scene.shape_bytes + photo + 2**29, 2**26)
 
 
 def run(job: Job[VerifyOptions]) -> StageResult:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from workbench.verification.report_content import Section
     from workbench.verification.texture_views import HeldOutView, Pictures
 
-_CACHE_BYTES = 2 << 30
+_CACHE_BYTES = 1 << 30
 # With fewer triangles a reconstruction shows nothing.
 _LEAST_TRIANGLES = 2000
 
