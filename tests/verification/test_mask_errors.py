@@ -1,5 +1,7 @@
 """Errors of masks: what is missed here, and what is missed everywhere."""
 
+import weakref
+
 import numpy as np
 import pytest
 
@@ -87,6 +89,24 @@ def test_a_photograph_that_something_stands_before_keeps_nothing_there(keeping):
     views = [photo(0.0, holed), photo(0.8, keeping)]
     assert checked_photo_masks(views, WALL).final.true_false_negatives == 0
     assert checked_photo_masks(views, blocked).final.true_false_negatives == 28
+
+
+def test_photographs_are_held_one_after_another(keeping):
+    made, alive = [], []
+
+    class Views:
+        """Seven photographs that are made when asked for."""
+
+        def __iter__(self):
+            for step in range(7):
+                one = photo(0.05 * step, keeping)
+                made.append(weakref.ref(one))
+                alive.append(sum(known() is not None for known in made))
+                yield one
+
+    assert checked_photo_masks(Views(), WALL).final.model_samples == 7 * keeping.size
+    # The one before is let go when the next has come.
+    assert (len(made), max(alive)) == (14, 2)
 
 
 def test_the_chapter_tells_the_numbers_of_the_tables():

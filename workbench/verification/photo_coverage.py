@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.photo_camera import PhotoCamera
-from workbench.masking.evaluation import joined_errors, masking_errors
+from workbench.masking.evaluation import MaskingErrors, joined_errors, masking_errors
 from workbench.render.raycast import RayScene
 from workbench.verification.mask_errors import CheckedMasks
 
@@ -58,13 +58,10 @@ def checked_photo_masks(photos: Iterable[MaskedPhoto], surface: TriangleMesh) ->
     surface : all that stands in the scene, clutter too, in the cameras' world.
     """
     scene = RayScene.of(surface)
-    each, found = [], []
-    for number, photo in enumerate(photos):
-        samples = (photo.truth > 127) | photo.clutter
-        each.append([masking_errors(mask, photo.truth, samples=samples) for mask in photo.masks])
-        found.append(_missed(scene, photo, number))
-    if not each:
+    looks = [(_errors(photo), _missed(scene, photo, k)) for k, photo in enumerate(photos)]
+    if not looks:
         return CheckedMasks(joined_errors([]), joined_errors([]))
+    each, found = zip(*looks, strict=True)
     missed = _Missed(*map(np.concatenate, zip(*found, strict=True)))
     covered = missed.by.sum(axis=0) - _nowhere_kept(scene, photos, missed).sum(axis=0)
     totals = [joined_errors(errors) for errors in zip(*each, strict=True)]
@@ -82,6 +79,11 @@ class _Missed(NamedTuple):
     places: NDArray[np.float64]
     photo: NDArray[np.int64]
     by: NDArray[np.bool_]
+
+
+def _errors(photo: MaskedPhoto) -> list[MaskingErrors]:
+    samples = (photo.truth > 127) | photo.clutter
+    return [masking_errors(mask, photo.truth, samples=samples) for mask in photo.masks]
 
 
 def _missed(scene: RayScene, photo: MaskedPhoto, number: int) -> _Missed:
