@@ -23,6 +23,8 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import psutil
+
 from stages.main import PIPELINE
 from tests.faults.scene import make_scene
 from workbench.formats.atomic import replacing
@@ -36,8 +38,9 @@ from workbench.project.simulated import simulate_project
 
 @contextmanager
 def running_cluster(folder: Path, workers: int) -> Iterator[str]:
-    """The address of a scheduler with so many workers, all processes of their own."""
+    """The address of a scheduler with so many workers, each a process on a core of its own."""
     file = folder / f"scheduler-{workers}.json"
+    file.unlink(missing_ok=True)
     dask = [sys.executable, "-m"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     scheduler = [*dask, "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1"]
@@ -46,6 +49,9 @@ def running_cluster(folder: Path, workers: int) -> Iterator[str]:
     for command in [scheduler, *[worker] * workers]:
         command = [*command, "--no-dashboard", "--scheduler-file", str(file)]
         started.append(subprocess.Popen(command, cwd=folder, **quiet))  # type: ignore[call-overload]
+    # Libraries with threads of their own would let one worker take the cores of two.
+    for core, process in enumerate(started[1:]):
+        psutil.Process(process.pid).cpu_affinity([core % psutil.cpu_count()])
     try:
         from distributed import Client
 
@@ -55,10 +61,10 @@ def running_cluster(folder: Path, workers: int) -> Iterator[str]:
             client.wait_for_workers(workers, timeout=120)
         yield json.loads(file.read_text("utf-8"))["address"]
     finally:
-        for process in reversed(started):
-            process.terminate()
+        # Asked to end at once, workers may wait for each other.
         for process in started:
-            process.wait(timeout=30)
+            process.kill()
+            process.wait()
 
 
 def developed(project: Path, address: str | None) -> tuple[float, list[float]]:
