@@ -26,7 +26,7 @@ from stages.verify.orientation import orientation_chapter
 from stages.verify.photographed import depths_chapter, photographed_truth
 from stages.verify.photographs import photographs_chapter
 from stages.verify.surfels import cell_chapter, surfel_chapter
-from stages.verify.texturing import texture_chapter
+from stages.verify.texturing import PICTURE_CACHE_BYTES, texture_chapter
 from stages.verify.voxels import voxel_chapter
 from workbench.errors import InputError
 from workbench.geometry.mesh import TriangleMesh, edge_census
@@ -71,10 +71,9 @@ def needed(scene: Scene, options: VerifyOptions) -> Need:
 
 def estimate(scene: Scene, options: VerifyOptions) -> Estimate:
     # The surface in its colours, and three blends of them, where there are photographs; one of 24
-    # million pixels takes some 3 GiB of buffers while its colours are checked, and those that
-    # texture are kept within 1 GiB.
-    per_byte, photo = (25, 2**32) if scene.photos else (10, 0)
-    return Estimate(per_byte * scene.shape_bytes + photo + 2**29, 2**26)
+    # million pixels takes some 3 GiB of buffers while its colours are checked.
+    per_byte, photos = (25, 3 * 2**30 + PICTURE_CACHE_BYTES) if scene.photos else (10, 0)
+    return Estimate(per_byte * scene.shape_bytes + photos + 2**29, 2**26)
 
 
 def run(job: Job[VerifyOptions]) -> StageResult:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from workbench.formats.mask_png import read_mask_png
 from workbench.geometry.mesh import TriangleMesh
+from workbench.geometry.photo_camera import PhotoCamera
 from workbench.metrics import Metric
 from workbench.pipeline.stage import Products
 from workbench.project.mask_subjects import photos_by_name, subjects_of
@@ -111,11 +112,14 @@ def _masked_photos(products: Products) -> MaskedKind | None:
 
 def photo_errors(products: Products, names: list[str]) -> CheckedMasks:
     """Errors of photographs' masks against a simulation's truth."""
+    from workbench.formats.colmap import read_colmap_text
     from workbench.verification.photo_coverage import checked_photo_masks
 
+    cameras = read_colmap_text(products.load("truth_cameras").parent).photo_cameras()
+    kept = {name: camera for name, camera in cameras.items() if name in names}
     arrays = products.load("truth_surface")
     surface = TriangleMesh(arrays["vertices"], arrays["triangles"])
-    return checked_photo_masks(_MaskedPhotos(products, names), surface)
+    return checked_photo_masks(_MaskedPhotos(products, kept), surface)
 
 
 @dataclass(frozen=True)
@@ -123,17 +127,13 @@ class _MaskedPhotos:
     """Photographs whose masks are read when it is their turn: all together would take gibibytes."""
 
     products: Products
-    names: list[str]
+    cameras: Mapping[str, PhotoCamera]
 
     def __iter__(self) -> Iterator[MaskedPhoto]:
-        from workbench.formats.colmap import read_colmap_text
         from workbench.verification.photo_coverage import MaskedPhoto
 
         products = self.products
-        cameras = read_colmap_text(products.load("truth_cameras").parent).photo_cameras()
-        for name, camera in cameras.items():
-            if name not in self.names:
-                continue
+        for name, camera in self.cameras.items():
             used = products.load("photo_masks", name)
             yield MaskedPhoto(
                 camera,

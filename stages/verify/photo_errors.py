@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stages.verify.frames import compared_poses
 from stages.verify.masks import against_corrections, masked_samples, photo_errors
-from stages.verify.texturing import held_out_views
+from stages.verify.texturing import PICTURE_CACHE_BYTES, held_out_views
 from workbench.geometry.mesh import TriangleMesh
 from workbench.geometry.transforms import apply, rigid
 from workbench.pipeline.knobs import MeasuredError, NotMeasured
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _PHOTOGRAPHS = 6
 _LEFT_OUT = 3
-_CACHE_BYTES = 1 << 30
 # What is slower over the picture than so many pixels is light and shape, not the mosaic.
 _SLOW_PX = 4.0
 # Of the albedo, 16 bits: below, the logarithm is of noise.
@@ -212,7 +211,7 @@ def texture_error(products: Products, scene: Scene) -> MeasuredError | NotMeasur
     if surface is None or not told["held_out"] or not products.items("depth_meshes"):
         return NotMeasured("no photograph was held out, or no depth meshes were made")
     stitched = depth_scene(products, colored_surface(products, surface))
-    pictures = PictureCache(stitched.picture, _CACHE_BYTES).get
+    pictures = PictureCache(stitched.picture, PICTURE_CACHE_BYTES).get
     views = held_out_views(products, stitched, {}, pictures, told, scene.truth)
     if not views:
         return NotMeasured("what the photographs held out show is nowhere known")

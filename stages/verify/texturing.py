@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from workbench.verification.report_content import Section
     from workbench.verification.texture_views import HeldOutView, Pictures
 
-_CACHE_BYTES = 1 << 30
+PICTURE_CACHE_BYTES = 1 << 30
 # With fewer triangles a reconstruction shows nothing.
 _LEAST_TRIANGLES = 2000
 
@@ -55,7 +55,7 @@ def texture_chapter(
         colored = colored_surface(products, surface)
         scene = depth_scene(products, colored)
         foreground = scene.foreground
-        pictures = PictureCache(scene.picture, _CACHE_BYTES).get
+        pictures = PictureCache(scene.picture, PICTURE_CACHE_BYTES).get
         cycles = record["options"]["cycles"]
         singles = _single_meshes(products, scene, colored, pictures, told, cycles)
         views = held_out_views(products, scene, singles, pictures, told, simulated)

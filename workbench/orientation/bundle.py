@@ -24,7 +24,7 @@ _CAUCHY = 2.3849
 _STEP = 1e-6
 # Information of one observation against the typical one's, at most.
 _MOST_SURE = 16.0
-# Derivatives of one take some two kilobytes.
+# Derivatives of one take some kilobyte.
 OBSERVATIONS_AT_ONCE = 1 << 18
 
 

@@ -97,13 +97,13 @@ def _nowhere_kept(
     scene: RayScene, photos: Iterable[MaskedPhoto], missed: _Missed
 ) -> NDArray[np.bool_]:
     """(n, 2) which of the missed places no other photograph's mask of the same kind keeps."""
-    open_ = missed.by.copy()
+    sought = missed.by.copy()
     for number, photo in enumerate(photos):
-        asked = np.flatnonzero((missed.photo != number) & open_.any(axis=1))
+        asked = np.flatnonzero((missed.photo != number) & sought.any(axis=1))
         shown, rows, columns = _shown_in(scene, photo.camera, missed.places[asked])
         for which, mask in enumerate(photo.masks):
-            open_[asked[shown], which] &= mask[rows, columns] <= 127
-    return open_
+            sought[asked[shown], which] &= mask[rows, columns] <= 127
+    return sought
 
 
 def _places(
