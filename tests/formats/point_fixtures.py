@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 
+import lazrs
 import numpy as np
 from scipy.spatial import cKDTree
 
 from workbench.errors import InputError
+from workbench.formats.las_layout import las_layout
 from workbench.geometry.point_set import PointSet, joined
 
 
@@ -24,6 +28,34 @@ def some_points(n: int, seed: int = 0, offset=(0.0, 0.0, 0.0), attributes: bool 
     color = random.integers(0, 256, (n, 3), dtype=np.uint8)
     radius = random.permutation(n) / 1024
     return PointSet(points + offset, normals, color, radius.astype(np.float32))
+
+
+def laz_in_chunks(path: Path, points: int, padding: int = 0) -> bytes:
+    """A COPC file with so many points in a chunk, and bytes of no meaning behind the first."""
+    with open(path, "rb") as file:
+        layout = las_layout(file, path)
+        file.seek(0)
+        head = file.read(layout.points_start)
+        data = bytearray(layout.count * layout.point_bytes)
+        lazrs.LasZipDecompressor(file, layout.laszip).decompress_many(data)
+    vlr, whole, step = lazrs.LazVlr(layout.laszip), BytesIO(), points * layout.point_bytes
+    whole.write(head)
+    zipper = lazrs.LasZipCompressor(whole, vlr)
+    for at in range(0, len(data), step):
+        zipper.compress_many(data[at : at + step])
+        zipper.finish_current_chunk()
+    zipper.done()
+    whole.seek(len(head))
+    chunks = lazrs.read_chunk_table(whole, vlr)
+    start = len(head) + 8
+    end = start + sum(size for _, size in chunks)
+    first = start + chunks[0][1]
+    packed = whole.getvalue()
+    out = BytesIO()
+    out.write(head + struct.pack("<q", end + padding))
+    out.write(packed[start:first] + b"\xee" * padding + packed[first:end])
+    lazrs.write_chunk_table(out, [(points, chunks[0][1] + padding), *chunks[1:]], vlr)
+    return out.getvalue()
 
 
 def assert_same(found: PointSet, expected: PointSet, tolerance: float) -> None:

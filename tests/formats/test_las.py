@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import laspy
+import lazrs
 import numpy as np
 import pytest
 
-from tests.formats.point_fixtures import assert_same, check_damage, some_points
+from tests.formats.point_fixtures import assert_same, check_damage, laz_in_chunks, some_points
+from workbench.cloud.point_export import export_points
 from workbench.errors import InputError, SettingsError
+from workbench.formats.las_layout import las_layout
 from workbench.formats.las_reading import las_batches
 from workbench.formats.las_writing import write_las
 from workbench.formats.point_stream import BATCH_POINTS, slices_of, surveyed
@@ -134,6 +138,37 @@ def test_huge_numbers_in_a_small_file(tmp_path: Path) -> None:
         with pytest.raises(InputError) as told:
             list(las_batches(path))
         assert told.value.file == str(path)
+
+
+def test_chunks_of_any_size(tmp_path: Path) -> None:
+    """Where the table and the layers of a chunk disagree, the decompressor would go by the layers:
+    what follows it would take for sizes, of gigabytes."""
+    points = some_points(40)
+    export_points(points, tmp_path / "cloud.copc.laz", "copc", precision=1e-3)
+    for each in (1, 7, 40):
+        (tmp_path / "chunks.laz").write_bytes(laz_in_chunks(tmp_path / "cloud.copc.laz", each))
+        assert_same(joined(list(las_batches(tmp_path / "chunks.laz"))), points, 0.5e-3 + 2e-9)
+    for padding in (1, 500):
+        padded = laz_in_chunks(tmp_path / "cloud.copc.laz", 20, padding)
+        (tmp_path / "padded.laz").write_bytes(padded)
+        with pytest.raises(InputError, match="do not fill it"):
+            list(las_batches(tmp_path / "padded.laz"))
+
+
+@pytest.mark.parametrize("sizes", [(0, 0), (0, 900)])
+def test_an_empty_chunk_that_is_to_hold_points(tmp_path: Path, sizes: tuple[int, int]) -> None:
+    path = tmp_path / "cloud.laz"
+    written(path, some_points(100))
+    with open(path, "rb") as file:
+        layout = las_layout(file, path)
+    data, start = path.read_bytes(), layout.points_start
+    table = int.from_bytes(data[start : start + 8], "little")
+    out = BytesIO()
+    out.write(data[:table])
+    lazrs.write_chunk_table(out, [(50_000, size) for size in sizes], lazrs.LazVlr(layout.laszip))
+    path.write_bytes(out.getvalue())
+    with pytest.raises(InputError, match="do not fill it"):
+        list(las_batches(path))
 
 
 def test_a_part_of_points_of_a_wrong_size(tmp_path: Path) -> None:

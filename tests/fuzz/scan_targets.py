@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from tests.formats.conftest import (
     pcd_text,
     ply_binary,
 )
-from tests.formats.point_fixtures import some_points
+from tests.formats.point_fixtures import laz_in_chunks, some_points
 from tests.fuzz.checksums import repaired_e57
 from tests.fuzz.target import MIB, Reader, Seeds, Target, of_files
 from workbench.cloud.point_export import export_points
@@ -123,9 +124,25 @@ def _las_seeds(file_format: str, suffix: str) -> Seeds:
             path = folder / f"{k}{suffix}"
             export_points(some_points(40, attributes=attributes), path, file_format)
             out.append((path.read_bytes(),))
+        if file_format == "copc":  # its chunks may be of any size
+            out.append((laz_in_chunks(path, 9),))
+        if file_format == "laz":  # compressed by points, not by layers
+            out.append((_older_laz(),))
         return out
 
     return made
+
+
+def _older_laz() -> bytes:
+    import laspy
+
+    points = some_points(30)
+    las = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+    las.x, las.y, las.z = points.points.T
+    las.red, las.green, las.blue = 257 * points.color.T.astype(np.uint16)
+    file = io.BytesIO()
+    las.write(file, do_compress=True)
+    return file.getvalue()
 
 
 def _surface_seeds(suffix: str) -> Seeds:

@@ -157,7 +157,7 @@ def _items(laszip: bytes, path: Path) -> tuple[int, int]:
 def _check_chunks(
     file: BinaryIO, layout: LasLayout, laszip: bytes, layers: int, path: Path
 ) -> None:
-    """Chunks and their layers lie inside the file, and hold the points that are declared."""
+    """Chunks lie in the file, their layers fill them, and they hold the declared points."""
     start, end = layout.points_start, layout.file_bytes
     file.seek(start)
     table = struct.unpack("<q", _exactly(file, 8, path))[0]
@@ -179,25 +179,25 @@ def _check_chunks(
         if size < 0 or at + size > table or held > _MOST_CHUNK_POINTS:
             refused(path, "A chunk of the LAZ file ends behind the last one.",
                     f"at most byte {table}", f"byte {at + size}")  # fmt: skip
-        if layers and size:
-            _check_layers(file, at, size, layout.point_bytes, layers, path)
+        # The decompressor passes by a chunk without points unless it is the first, and goes on
+        # behind the last layer, wherever the table says that the next chunk begins.
+        if layers and points < layout.count:
+            read = held > 0 or at == start + 8
+            layered = _layered_bytes(file, at, layout.point_bytes, layers, path) if read else 0
+            if layered != size:
+                refused(path, "The layers of a chunk of the LAZ file do not fill it.",
+                        f"{size} bytes from byte {at} on", f"{layered} bytes")  # fmt: skip
         at, points = at + size, points + held
     if points < layout.count:
         refused(path, "The LAZ file has fewer points than it declares.",
                 f"{layout.count} points", f"{points} points")  # fmt: skip
 
 
-def _check_layers(
-    file: BinaryIO, at: int, size: int, point_bytes: int, layers: int, path: Path
-) -> None:
-    head = point_bytes + 4 + 4 * layers
-    if size >= head:
-        file.seek(at + point_bytes + 4)
-        sizes = np.frombuffer(_exactly(file, 4 * layers, path), "<u4")
-        size -= int(sizes.sum(dtype=np.int64))
-    if size < head:
-        refused(path, "A layer of the LAZ file ends behind its chunk.",
-                "layers inside their chunk", f"the chunk at byte {at} is too short")  # fmt: skip
+def _layered_bytes(file: BinaryIO, at: int, point_bytes: int, layers: int, path: Path) -> int:
+    """Bytes of a chunk: its first point, how many points it has, and what its layers have."""
+    file.seek(at + point_bytes + 4)
+    sizes = np.frombuffer(_exactly(file, 4 * layers, path), "<u4")
+    return point_bytes + 4 + 4 * layers + int(sizes.sum(dtype=np.int64))
 
 
 def _exactly(file: BinaryIO, size: int, path: Path) -> bytes:
