@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import pytest
 from tests.formats.point_fixtures import assert_same, check_damage, laz_in_chunks, some_points
 from workbench.cloud.point_export import export_points
 from workbench.errors import InputError, SettingsError
-from workbench.formats.las_layout import las_layout
+from workbench.formats.las_layout import LasLayout, las_layout
 from workbench.formats.las_reading import las_batches
 from workbench.formats.las_writing import write_las
 from workbench.formats.point_stream import BATCH_POINTS, slices_of, surveyed
@@ -171,6 +173,94 @@ def test_an_empty_chunk_that_is_to_hold_points(tmp_path: Path, sizes: tuple[int,
         list(las_batches(path))
 
 
+def with_a_chunk(path: Path, chunk: Callable[[LasLayout, bytes], bytes]) -> None:
+    """Replace the first chunk of a LAZ file, which is then its only one."""
+    with open(path, "rb") as file:
+        layout = las_layout(file, path)
+    data, start = path.read_bytes(), layout.points_start
+    end = int.from_bytes(data[start : start + 8], "little")
+    new = chunk(layout, data[start + 8 : end])
+    out = BytesIO()
+    out.write(data[:start] + (start + 8 + len(new)).to_bytes(8, "little") + new)
+    lazrs.write_chunk_table(out, [(50_000, len(new))], lazrs.LazVlr(layout.laszip))
+    path.write_bytes(out.getvalue())
+
+
+def of_others(path: Path, points: PointSet, kind: int) -> None:
+    las = laspy.LasData(laspy.LasHeader(point_format=kind, version="1.4"))
+    las.header.scales = [1e-3] * 3
+    las.x, las.y, las.z = points.points.T
+    las.write(path)
+
+
+# A symbol of a time may say: look at the next one. The decompressor then calls itself, thousands
+# of times for each byte of likely ones, until there is no stack left.
+NEXT = b"\xff"
+
+
+def test_layers_of_times_are_passed_by(tmp_path: Path) -> None:
+    def chunk(layout: LasLayout, data: bytes) -> bytes:
+        head = layout.point_bytes + 4
+        sizes = np.frombuffer(data, "<u4", 9, head).copy()
+        others = data[head + 36 : head + 36 + int(sizes[:8].sum())]
+        sizes[8] = 100_000
+        return data[:head] + sizes.tobytes() + others + NEXT * 100_000
+
+    path, points = tmp_path / "cloud.laz", some_points(40, attributes=False)
+    of_others(path, points, 6)
+    with_a_chunk(path, chunk)
+    assert_same(joined(list(las_batches(path))), points, 0.5e-3 + 2e-9)
+
+
+def test_times_without_end(tmp_path: Path) -> None:
+    path, points = tmp_path / "cloud.laz", some_points(40, attributes=False)
+    of_others(path, points, 1)
+    whole = path.read_bytes()
+    damage = bytes(range(8)) + NEXT * 10_000
+    for _ in range(2):
+        with_a_chunk(path, lambda layout, data: data[: layout.point_bytes] + damage)
+        with pytest.raises(InputError, match="ended its process") as told:
+            list(las_batches(path))
+        assert told.value.file == str(path)
+        path.write_bytes(whole)
+        assert_same(joined(list(las_batches(path))), points, 0.5e-3 + 2e-9)
+
+
+@pytest.mark.parametrize("kind", [0, 6])
+def test_wide_points_are_read_some_at_a_time(tmp_path: Path, kind: int) -> None:
+    """Alike they are next to nothing in the file, and 140 MB of a batch as large as others."""
+    header = laspy.LasHeader(point_format=kind, version="1.4")
+    for k in range(100):
+        header.add_extra_dim(laspy.ExtraBytesParams(f"of 24 bytes {k}", "3f8"))
+    las = laspy.LasData(header)
+    las.x = las.y = las.z = np.zeros(60_000)
+    path = tmp_path / "wide.laz"
+    las.write(path)
+    tracemalloc.start()
+    try:
+        assert sum(map(len, las_batches(path))) == 60_000
+        assert tracemalloc.get_traced_memory()[1] < 220e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_points_one_by_one_of_two_files_at_once(tmp_path: Path) -> None:
+    """Each has a process of its own while it is read, also after one that was not read whole."""
+    paths, clouds = [], [some_points(BATCH_POINTS + n, n, attributes=False) for n in (3, 8)]
+    for n, points in enumerate(clouds):
+        paths.append(tmp_path / f"{n}.laz")
+        of_others(paths[-1], points, 3)
+    assert len(next(las_batches(paths[0]))) == BATCH_POINTS
+    read = [np.concatenate([b.points for b in pair]) for pair in _side_by_side(paths)]
+    for found, points in zip(read, clouds, strict=True):
+        np.testing.assert_allclose(found, points.points, atol=0.5e-3 + 2e-9)
+
+
+def _side_by_side(paths: list[Path]) -> list[tuple[PointSet, ...]]:
+    """The batches of files, one of each in turn."""
+    return list(zip(*zip(*map(las_batches, paths), strict=True), strict=True))
+
+
 def test_a_part_of_points_of_a_wrong_size(tmp_path: Path) -> None:
     """A kind of part with a size that it never has would be decompressed as something else."""
     path = tmp_path / "cloud.laz"
@@ -178,7 +268,9 @@ def test_a_part_of_points_of_a_wrong_size(tmp_path: Path) -> None:
     data = path.read_bytes()
     parts = data.index(b"laszip encoded") - 2 + 54 + 34
     assert data[parts : parts + 4] == b"\x0a\x00\x1e\x00"
-    for at, value in ((parts, 6), (parts + 6, 12), (parts + 12, 12), (parts + 12, 99)):
+    # The last one is compressed by points, where the others are by layers.
+    wrong = ((parts, 6), (parts + 6, 12), (parts + 12, 12), (parts + 12, 99), (parts + 12, 0))
+    for at, value in wrong:
         path.write_bytes(data[:at] + bytes([value]) + data[at + 1 :])
         with pytest.raises(InputError, match="unknown part"):
             list(las_batches(path))

@@ -36,6 +36,7 @@ def test_without_notes_the_name_tells() -> None:
         ('[distances_m]\n"near.dng" = -1', "not understood"),
         ('[distances_m]\n"near.dng" = "far"', "not understood"),
         ('[distance]\n"near.dng" = 1', "not understood"),
+        ('flat = [["near.dng"]]', "not understood"),
         ('[distances_m]\n"nowhere.dng" = 1', "not there"),
         ('flat = ["nowhere.dng"]', "not there"),
     ],

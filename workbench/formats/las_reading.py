@@ -1,23 +1,21 @@
 """Points of LAS and LAZ files, and of COPC files, which are LAZ files too.
 
-Source: ASPRS, *LAS Specification 1.4 – R15*; M. Isenburg, *LASzip*. Decompression is that of
-lazrs. It trusts the sizes inside a file, so they are checked here before it sees them.
+Source: ASPRS, *LAS Specification 1.4 – R15*.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
-import lazrs
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.las_layout import COLOR_AT, LasLayout, las_layout, refused
+from workbench.formats.laz_decompression import Records, decompressed
 from workbench.formats.point_attributes import eight_bits, unit_normals
 from workbench.formats.point_stream import BATCH_POINTS
 from workbench.formats.whole_file import require_regular
@@ -25,17 +23,7 @@ from workbench.geometry.point_set import PointSet
 
 _NORMALS = (("NormalX", "NormalY", "NormalZ"), ("nx", "ny", "nz"))
 _RADIUS = "radius"
-_LAYERED = 3
-_ITEMS_AT = 34
-_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
-_BYTES_ITEM = 14
-_ITEM_BYTES = {6: 20, 7: 8, 8: 6, 9: 29, 10: 30, 11: 6, 12: 8, 13: 29}
-_ITEMS_OF_ANY_SIZE = (0, _BYTES_ITEM)
-_MOST_CHUNK_POINTS = 1 << 32
-
-
-class _Records(Protocol):
-    def many(self, number: int) -> bytes: ...
+_BATCH_BYTES = 64 << 20
 
 
 def las_batches(path: Path) -> Iterator[PointSet]:
@@ -91,17 +79,22 @@ def _record_batches(file: BinaryIO, layout: LasLayout, path: Path) -> Iterator[N
     """Uncompressed points as bytes (n, point_bytes)."""
     if not layout.count:
         return  # the decompressor would believe a table of chunks that nobody has checked
+    most = min(BATCH_POINTS, _BATCH_BYTES // layout.point_bytes)
+    with _records(file, layout, path) as source:
+        for start in range(0, layout.count, most):
+            number = min(most, layout.count - start)
+            data = source.many(number)
+            if len(data) != number * layout.point_bytes:
+                refused(path, "The LAS file ends before its points do.",
+                        f"{layout.count} points", f"about {start}")  # fmt: skip
+            yield np.frombuffer(data, np.uint8).reshape(number, layout.point_bytes)
+
+
+def _records(file: BinaryIO, layout: LasLayout, path: Path) -> AbstractContextManager[Records]:
+    if layout.laszip is not None:
+        return decompressed(file, layout, layout.laszip, path)
     file.seek(layout.points_start)
-    source: _Records = _Plain(file, layout) if layout.laszip is None else _zipped(
-        file, layout, layout.laszip, path
-    )  # fmt: skip
-    for start in range(0, layout.count, BATCH_POINTS):
-        number = min(BATCH_POINTS, layout.count - start)
-        data = source.many(number)
-        if len(data) != number * layout.point_bytes:
-            refused(path, "The LAS file ends before its points do.",
-                    f"{layout.count} points", f"about {start}")  # fmt: skip
-        yield np.frombuffer(data, np.uint8).reshape(number, layout.point_bytes)
+    return nullcontext(_Plain(file, layout))
 
 
 class _Plain:
@@ -110,101 +103,6 @@ class _Plain:
 
     def many(self, number: int) -> bytes:
         return self._file.read(number * self._bytes)
-
-
-class _Zipped:
-    def __init__(self, file: BinaryIO, layout: LasLayout, laszip: bytes) -> None:
-        self._points = lazrs.LasZipDecompressor(file, laszip)
-        self._bytes = layout.point_bytes
-
-    def many(self, number: int) -> bytes:
-        data = bytearray(number * self._bytes)
-        self._points.decompress_many(data)
-        return bytes(data)
-
-
-def _zipped(file: BinaryIO, layout: LasLayout, laszip: bytes, path: Path) -> _Zipped:
-    items, layers = _items(laszip, path)
-    if items != layout.point_bytes:
-        refused(path, "The LAZ file compresses points of another size than it declares.",
-                f"{layout.point_bytes} bytes", f"{items} bytes")  # fmt: skip
-    _check_chunks(file, layout, laszip, layers, path)
-    file.seek(layout.points_start)
-    return _Zipped(file, layout, laszip)
-
-
-def _items(laszip: bytes, path: Path) -> tuple[int, int]:
-    """Bytes of a point, and into how many layers its chunks are parted (0: none)."""
-    number = struct.unpack_from("<H", laszip, 32)[0] if len(laszip) >= _ITEMS_AT else 0
-    if not number or len(laszip) < _ITEMS_AT + 6 * number:
-        refused(path, "The LAZ file does not tell how it is compressed.",
-                "a LASzip record", f"{len(laszip)} bytes")  # fmt: skip
-    items = np.frombuffer(laszip, "<u2", 3 * number, _ITEMS_AT).reshape(-1, 3)
-    for kind, size, _ in items.tolist():
-        # The decompressor goes by the kind alone, and would take layers for what they are not.
-        if size != _ITEM_BYTES.get(kind, size) or kind not in (*_ITEM_BYTES, *_ITEMS_OF_ANY_SIZE):
-            refused(path, "The LAZ file compresses an unknown part of points.",
-                    "parts as LASzip has them", f"part {kind} of {size} bytes")  # fmt: skip
-    layers = 0
-    if laszip[:2] == struct.pack("<H", _LAYERED):
-        layers = sum(
-            int(size) if kind == _BYTES_ITEM else _LAYERS.get(int(kind), 0)
-            for kind, size, _ in items
-        )
-    return int(items[:, 1].sum()), layers
-
-
-def _check_chunks(
-    file: BinaryIO, layout: LasLayout, laszip: bytes, layers: int, path: Path
-) -> None:
-    """Chunks lie in the file, their layers fill them, and they hold the declared points."""
-    start, end = layout.points_start, layout.file_bytes
-    file.seek(start)
-    table = struct.unpack("<q", _exactly(file, 8, path))[0]
-    if table == -1:
-        file.seek(end - 8)
-        table = struct.unpack("<q", _exactly(file, 8, path))[0]
-    if not start + 8 <= table <= end - 8:
-        refused(path, "The table of chunks of the LAZ file is not there.",
-                f"between byte {start + 8} and {end - 8}", f"byte {table}")  # fmt: skip
-    file.seek(table)
-    _, number = struct.unpack("<II", _exactly(file, 8, path))
-    if (number - 1) * layout.point_bytes > end - start:
-        refused(path, "The LAZ file declares more chunks than it can hold.",
-                f"at most {(end - start) // layout.point_bytes + 1}", str(number))  # fmt: skip
-    file.seek(start)
-    chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(laszip))
-    at, points = start + 8, 0
-    for held, size in chunks:
-        if size < 0 or at + size > table or held > _MOST_CHUNK_POINTS:
-            refused(path, "A chunk of the LAZ file ends behind the last one.",
-                    f"at most byte {table}", f"byte {at + size}")  # fmt: skip
-        # The decompressor passes by a chunk without points unless it is the first, and goes on
-        # behind the last layer, wherever the table says that the next chunk begins.
-        if layers and points < layout.count:
-            read = held > 0 or at == start + 8
-            layered = _layered_bytes(file, at, layout.point_bytes, layers, path) if read else 0
-            if layered != size:
-                refused(path, "The layers of a chunk of the LAZ file do not fill it.",
-                        f"{size} bytes from byte {at} on", f"{layered} bytes")  # fmt: skip
-        at, points = at + size, points + held
-    if points < layout.count:
-        refused(path, "The LAZ file has fewer points than it declares.",
-                f"{layout.count} points", f"{points} points")  # fmt: skip
-
-
-def _layered_bytes(file: BinaryIO, at: int, point_bytes: int, layers: int, path: Path) -> int:
-    """Bytes of a chunk: its first point, how many points it has, and what its layers have."""
-    file.seek(at + point_bytes + 4)
-    sizes = np.frombuffer(_exactly(file, 4 * layers, path), "<u4")
-    return point_bytes + 4 + 4 * layers + int(sizes.sum(dtype=np.int64))
-
-
-def _exactly(file: BinaryIO, size: int, path: Path) -> bytes:
-    data = file.read(size)
-    if len(data) != size:
-        refused(path, "The LAZ file ends early.", f"{size} more bytes", f"{len(data)}")
-    return data
 
 
 def _column(

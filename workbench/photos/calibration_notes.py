@@ -68,6 +68,7 @@ def read_calibration_notes(paths: Iterable[Path], known: Iterable[str]) -> Calib
             and isinstance(told, dict)
             and all(isinstance(d, int | float) and 0 < d < _FARTHEST_M for d in told.values())
             and isinstance(listed, list)
+            and all(isinstance(name, str) for name in listed)
         )
         if not sound:
             raise InputError(
@@ -77,7 +78,7 @@ def read_calibration_notes(paths: Iterable[Path], known: Iterable[str]) -> Calib
                 found=", ".join(map(str, document)),
                 fix="correct the file",
             )
-        strangers = [str(name) for name in (*told, *listed) if name not in names]
+        strangers = [name for name in (*told, *listed) if name not in names]
         if strangers:
             raise InputError(
                 "The notes on calibration name frames that are not there",
