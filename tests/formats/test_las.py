@@ -15,6 +15,7 @@ import pytest
 from tests.formats.point_fixtures import assert_same, check_damage, laz_in_chunks, some_points
 from workbench.cloud.point_export import export_points
 from workbench.errors import InputError, SettingsError
+from workbench.formats import laz_decompression
 from workbench.formats.las_layout import LasLayout, las_layout
 from workbench.formats.las_reading import las_batches
 from workbench.formats.las_writing import write_las
@@ -254,6 +255,16 @@ def test_points_one_by_one_of_two_files_at_once(tmp_path: Path) -> None:
     read = [np.concatenate([b.points for b in pair]) for pair in _side_by_side(paths)]
     for found, points in zip(read, clouds, strict=True):
         np.testing.assert_allclose(found, points.points, atol=0.5e-3 + 2e-9)
+
+
+def test_a_process_that_ended_by_itself_is_not_asked(tmp_path: Path) -> None:
+    path, points = tmp_path / "cloud.laz", some_points(40, attributes=False)
+    of_others(path, points, 3)
+    assert len(joined(list(las_batches(path)))) == 40
+    for process in laz_decompression._idle:
+        process._process.kill()
+        process._process.wait()
+    assert len(joined(list(las_batches(path)))) == 40
 
 
 def _side_by_side(paths: list[Path]) -> list[tuple[PointSet, ...]]:

@@ -112,7 +112,13 @@ class _Process:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # panics, which are answers too
+            start_new_session=True,  # an interrupt is for those who ask
         )
+
+    @property
+    def alive(self) -> bool:
+        """Whether it can be asked."""
+        return self._process.poll() is None
 
     def ask(self, order: dict[str, Any]) -> bytes:
         """Its answer; ValueError with the reason where there is none."""
@@ -142,17 +148,24 @@ class _Process:
 @contextmanager
 def _process() -> Iterator[_Process]:
     """One that has nothing else to do."""
-    try:
-        process = _idle.pop()
-    except IndexError:
-        process = _Process()
+    process = _ready()
     try:
         yield process
     finally:
         if process.answered:
+            process.ask(laz_process.CLOSE)
             _idle.append(process)
         else:
             process.end()
+
+
+def _ready() -> _Process:
+    with suppress(IndexError):
+        while True:
+            process = _idle.pop()
+            if process.alive:
+                return process
+    return _Process()
 
 
 def _end_idle() -> None:

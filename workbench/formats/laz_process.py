@@ -1,9 +1,9 @@
 """A process of its own in which damaged points may end: `workbench.formats.laz_decompression`.
 
 Each line of its input is an order, one JSON object: to open a file (``path``, ``start``,
-``laszip``) or to decompress so many ``bytes`` more of it. An answer is whether that went wrong
-(one byte), a count (int64, little endian), and so many bytes: what was asked for, or why not.
-It knows nothing of the workbench, so that it starts in no time.
+``laszip``), to decompress so many ``bytes`` more of it, or, empty, to close it. An answer is
+whether that went wrong (one byte), a count (int64, little endian), and so many bytes: what was
+asked for, or why not. It knows nothing of the workbench, so that it starts in no time.
 """
 
 import json
@@ -13,25 +13,27 @@ from typing import Any, BinaryIO
 
 import lazrs
 
+CLOSE: dict[str, Any] = {}
 ANSWER = struct.Struct("<?q")
 
 
 class _Opened:
     def __init__(self, path: str, start: int, laszip: str) -> None:
-        self.file: BinaryIO = open(path, "rb")  # noqa: SIM115  # closed when the next one is open
+        self.file: BinaryIO = open(path, "rb")  # noqa: SIM115  # closed by `_done`
         self.file.seek(start)
         self.points = lazrs.LasZipDecompressor(self.file, bytes.fromhex(laszip))
 
 
 def _done(order: dict[str, Any], opened: list[_Opened]) -> bytes | bytearray:
-    if "path" in order:
-        for before in opened:
-            before.file.close()
-        opened[:] = [_Opened(**order)]
-        return b""
-    data = bytearray(order["bytes"])
-    opened[0].points.decompress_many(data)
-    return data
+    if "bytes" in order:
+        data = bytearray(order["bytes"])
+        opened[0].points.decompress_many(data)
+        return data
+    while opened:
+        opened.pop().file.close()
+    if order != CLOSE:
+        opened.append(_Opened(**order))
+    return b""
 
 
 def main() -> None:
