@@ -15,6 +15,7 @@ from workbench.formats.agisoft import read_agisoft
 from workbench.formats.bundler import read_bundler
 from workbench.formats.colmap import ColmapModel
 from workbench.formats.nerf_transforms import read_nerf_transforms
+from workbench.geometry.photo_camera import PhotoCamera
 
 WIDTH, HEIGHT = 640, 480
 # A camera at CENTER in the world; columns of TURN are its axes right, down and forward.
@@ -210,6 +211,22 @@ def test_damage_to_agisofts_file_is_named(tmp_path: Path, old: str, new: str, me
     with pytest.raises(InputError, match=message) as caught:
         read_agisoft(path)
     assert "cameras.xml" in str(caught.value)
+
+
+def test_a_lens_that_cannot_be_is_given_up_soon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def counted(*args: Any) -> PhotoCamera:
+        asked.append(args)
+        return PhotoCamera(*args)
+
+    monkeypatch.setattr("workbench.formats.agisoft.PhotoCamera", counted)
+    with pytest.raises(InputError, match="miss this one"):
+        read_agisoft(agisoft(tmp_path, LENS | {"k3": 0.02, "k4": 2.0**31}))
+    # With twelve derivatives a step; it took 13,728 to find no better one.
+    assert len(asked) < 3000
 
 
 def test_a_lens_beyond_the_models_and_a_file_without_cameras_are_refused(tmp_path: Path) -> None:

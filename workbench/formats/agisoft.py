@@ -28,6 +28,8 @@ from workbench.geometry.transforms import Matrix4, inverse, is_rigid, nearest_ri
 _TERMS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2")
 # A lens that COLMAP's models cannot follow this closely is refused.
 _WORST_MISFIT_PX = 0.25
+# Lenses that can be made take five to eighty; others would go on for a thousand.
+_MOST_STEPS = 200
 _GRID = 15
 _EXPORT_AGAIN = "Export the cameras again: File > Export > Export Cameras."
 
@@ -205,7 +207,8 @@ def _as_colmap(
         camera = PhotoCamera("FULL_OPENCV", width, height, tuple(values.tolist()), np.eye(4))
         return np.asarray((camera.project(rays)[0] - pixels).ravel())
 
-    fitted = least_squares(misfit, params, x_scale=np.maximum(np.abs(params), 0.1))
+    scale = np.maximum(np.abs(params), 0.1)
+    fitted = least_squares(misfit, params, x_scale=scale, max_nfev=_MOST_STEPS)
     worst = float(np.abs(fitted.fun).max())
     if not worst <= _WORST_MISFIT_PX:
         raise ValueError(f"COLMAP's lens models miss this one by {worst:.2f} pixels (k4, b2)")
