@@ -191,6 +191,7 @@ def of_others(path: Path, points: PointSet, kind: int) -> None:
     las = laspy.LasData(laspy.LasHeader(point_format=kind, version="1.4"))
     las.header.scales = [1e-3] * 3
     las.x, las.y, las.z = points.points.T
+    las.gps_time = np.random.default_rng(0).uniform(size=len(points))
     las.write(path)
 
 
