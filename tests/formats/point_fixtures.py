@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from workbench.errors import InputError
-from workbench.formats.las_layout import las_layout
+from workbench.formats.las_layout import LasLayout, las_layout
 from workbench.geometry.point_set import PointSet, joined
 
 
@@ -47,14 +47,17 @@ def laz_in_chunks(path: Path, points: int, padding: int = 0) -> bytes:
     zipper.done()
     whole.seek(len(head))
     chunks = lazrs.read_chunk_table(whole, vlr)
-    start = len(head) + 8
-    end = start + sum(size for _, size in chunks)
-    first = start + chunks[0][1]
-    packed = whole.getvalue()
+    start, first = len(head) + 8, chunks[0][1]
+    packed = whole.getvalue()[start : start + sum(size for _, size in chunks)]
+    chunks[0] = points, first + padding
+    return laz_of(layout, head, packed[:first] + b"\xee" * padding + packed[first:], chunks)
+
+
+def laz_of(layout: LasLayout, head: bytes, packed: bytes, chunks: list[tuple[int, int]]) -> bytes:
+    """A LAZ file of what stands before its points, these, and a table of points and bytes."""
     out = BytesIO()
-    out.write(head + struct.pack("<q", end + padding))
-    out.write(packed[start:first] + b"\xee" * padding + packed[first:end])
-    lazrs.write_chunk_table(out, [(points, chunks[0][1] + padding), *chunks[1:]], vlr)
+    out.write(head + struct.pack("<q", len(head) + 8 + len(packed)) + packed)
+    lazrs.write_chunk_table(out, chunks, lazrs.LazVlr(layout.laszip))
     return out.getvalue()
 
 

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
-from io import BytesIO
 from pathlib import Path
 
 import laspy
-import lazrs
 import numpy as np
 import pytest
 
-from tests.formats.point_fixtures import assert_same, check_damage, laz_in_chunks, some_points
+from tests.formats.point_fixtures import (
+    assert_same,
+    check_damage,
+    laz_in_chunks,
+    laz_of,
+    some_points,
+)
 from workbench.cloud.point_export import export_points
 from workbench.errors import InputError, SettingsError
 from workbench.formats import laz_decompression
@@ -158,33 +162,26 @@ def test_chunks_of_any_size(tmp_path: Path) -> None:
             list(las_batches(tmp_path / "padded.laz"))
 
 
-@pytest.mark.parametrize("sizes", [(0, 0), (0, 900)])
-def test_an_empty_chunk_that_is_to_hold_points(tmp_path: Path, sizes: tuple[int, int]) -> None:
-    path = tmp_path / "cloud.laz"
-    written(path, some_points(100))
-    with open(path, "rb") as file:
-        layout = las_layout(file, path)
-    data, start = path.read_bytes(), layout.points_start
-    table = int.from_bytes(data[start : start + 8], "little")
-    out = BytesIO()
-    out.write(data[:table])
-    lazrs.write_chunk_table(out, [(50_000, size) for size in sizes], lazrs.LazVlr(layout.laszip))
-    path.write_bytes(out.getvalue())
-    with pytest.raises(InputError, match="do not fill it"):
-        list(las_batches(path))
-
-
-def with_a_chunk(path: Path, chunk: Callable[[LasLayout, bytes], bytes]) -> None:
-    """Replace the first chunk of a LAZ file, which is then its only one."""
+def with_chunks(
+    path: Path, change: Callable[[LasLayout, bytes], bytes], sizes: tuple[int, ...] = ()
+) -> None:
+    """Change the compressed points of a LAZ file, one chunk unless its table has other sizes."""
     with open(path, "rb") as file:
         layout = las_layout(file, path)
     data, start = path.read_bytes(), layout.points_start
     end = int.from_bytes(data[start : start + 8], "little")
-    new = chunk(layout, data[start + 8 : end])
-    out = BytesIO()
-    out.write(data[:start] + (start + 8 + len(new)).to_bytes(8, "little") + new)
-    lazrs.write_chunk_table(out, [(50_000, len(new))], lazrs.LazVlr(layout.laszip))
-    path.write_bytes(out.getvalue())
+    packed = change(layout, data[start + 8 : end])
+    chunks = [(50_000, size) for size in sizes or (len(packed),)]
+    path.write_bytes(laz_of(layout, data[:start], packed, chunks))
+
+
+@pytest.mark.parametrize("sizes", [(0, 0), (0, 900)])
+def test_an_empty_chunk_that_is_to_hold_points(tmp_path: Path, sizes: tuple[int, int]) -> None:
+    path = tmp_path / "cloud.laz"
+    written(path, some_points(100))
+    with_chunks(path, lambda _, packed: packed, sizes)
+    with pytest.raises(InputError, match="do not fill it"):
+        list(las_batches(path))
 
 
 def of_others(path: Path, points: PointSet, kind: int) -> None:
@@ -210,7 +207,7 @@ def test_layers_of_times_are_passed_by(tmp_path: Path) -> None:
 
     path, points = tmp_path / "cloud.laz", some_points(40, attributes=False)
     of_others(path, points, 6)
-    with_a_chunk(path, chunk)
+    with_chunks(path, chunk)
     assert_same(joined(list(las_batches(path))), points, 0.5e-3 + 2e-9)
 
 
@@ -220,7 +217,7 @@ def test_times_without_end(tmp_path: Path) -> None:
     whole = path.read_bytes()
     damage = bytes(range(8)) + NEXT * 10_000
     for _ in range(2):
-        with_a_chunk(path, lambda layout, data: data[: layout.point_bytes] + damage)
+        with_chunks(path, lambda layout, data: data[: layout.point_bytes] + damage)
         with pytest.raises(InputError, match="ended its process") as told:
             list(las_batches(path))
         assert told.value.file == str(path)
