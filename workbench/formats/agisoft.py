@@ -201,12 +201,16 @@ def _as_colmap(
     from scipy.optimize import least_squares
 
     rays = _grid(width, height, terms["f"])
-    pixels = _imaged(rays, width, height, terms)
+    with np.errstate(over="ignore", invalid="ignore"):  # refused below
+        pixels = _imaged(rays, width, height, terms)
 
     def misfit(values: NDArray[np.float64]) -> NDArray[np.float64]:
         camera = PhotoCamera("FULL_OPENCV", width, height, tuple(values.tolist()), np.eye(4))
         return np.asarray((camera.project(rays)[0] - pixels).ravel())
 
+    moved = float(np.abs(misfit(params)).max())
+    if not moved <= np.hypot(width, height):
+        raise ValueError(f"no lens moves a pixel by {moved:.3g} pixels, as k4 and b2 would")
     scale = np.maximum(np.abs(params), 0.1)
     fitted = least_squares(misfit, params, x_scale=scale, max_nfev=_MOST_STEPS)
     worst = float(np.abs(fitted.fun).max())
