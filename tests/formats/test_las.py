@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -19,7 +20,7 @@ from tests.formats.point_fixtures import (
 )
 from workbench.cloud.point_export import export_points
 from workbench.errors import InputError, SettingsError
-from workbench.formats import laz_decompression
+from workbench.formats import laz_decompression, laz_process
 from workbench.formats.las_layout import LasLayout, las_layout
 from workbench.formats.las_reading import las_batches
 from workbench.formats.las_writing import write_las
@@ -263,6 +264,26 @@ def test_a_process_that_ended_by_itself_is_not_asked(tmp_path: Path) -> None:
         process._process.kill()
         process._process.wait()
     assert len(joined(list(las_batches(path)))) == 40
+
+
+def test_a_process_that_is_ended_when_all_is_read_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, points = tmp_path / "cloud.laz", some_points(40, attributes=False)
+    of_others(path, points, 3)
+    ask, ended = laz_decompression._Process.ask, []
+
+    def ended_before_it_is_closed(self: Any, order: dict[str, Any]) -> bytes:
+        if order == laz_process.CLOSE:
+            self._process.kill()
+            self._process.wait()
+            ended.append(self)
+        return ask(self, order)
+
+    monkeypatch.setattr(laz_decompression._Process, "ask", ended_before_it_is_closed)
+    assert len(joined(list(las_batches(path)))) == 40
+    assert ended
+    assert not set(ended) & set(laz_decompression._idle)
 
 
 def _side_by_side(paths: list[Path]) -> list[tuple[PointSet, ...]]:

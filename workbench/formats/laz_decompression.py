@@ -44,7 +44,7 @@ _NEEDED = lazrs.DecompressionSelection(
 class Records(Protocol):
     """What gives uncompressed points as bytes, from the first on."""
 
-    def many(self, number: int) -> bytes:
+    def many(self, number: int) -> bytes | bytearray:
         """The next ones; fewer bytes than they have where a file ends."""
 
 
@@ -80,10 +80,10 @@ class _Layered:
         self._points = lazrs.LasZipDecompressor(file, laszip, _NEEDED)
         self._bytes = layout.point_bytes
 
-    def many(self, number: int) -> bytes:
+    def many(self, number: int) -> bytearray:
         data = bytearray(number * self._bytes)
         self._points.decompress_many(data)
-        return bytes(data)
+        return data
 
 
 class _PointByPoint:
@@ -153,7 +153,9 @@ def _process() -> Iterator[_Process]:
         yield process
     finally:
         if process.answered:
-            process.ask(laz_process.CLOSE)
+            with suppress(ValueError):  # ended from outside, when all is read
+                process.ask(laz_process.CLOSE)
+        if process.answered:
             _idle.append(process)
         else:
             process.end()
