@@ -13,15 +13,13 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from stages.main import PIPELINE
-from workbench.pipeline.progress import Progress
-from workbench.pipeline.runner import RunRequest, run_pipeline
 from workbench.project.project import Project
-from workbench.project.simulated import simulate_project
 
 
 @dataclass(frozen=True)
@@ -52,17 +50,24 @@ def measured(project: Project) -> list[Row]:
     return found
 
 
-def simulated(out: Path, size: str, photos: int | None, workers: int | None) -> Project:
-    """A statue of that size that every stage has run on."""
-    given = {"scene": "statue", "seed": 7, "size": size, "photos": photos}
-    project = simulate_project(out, given=given, progress=Progress())
+def simulated(out: Path, size: str, photos: int, workers: int | None) -> Project:
+    """A statue of that size that every stage has run on.
+
+    Its simulation is a process of its own: what that leaves held would count for every stage.
+    """
+    shared = [] if workers is None else ["--workers", str(workers)]
+    what = ["--scene", "statue", "--seed", "7", "--size", size, "--photos", str(photos)]
+    _workbench("simulate", str(out), *what, *shared)
     drawn = out / "masks" / "training"
     drawn.mkdir(parents=True)
     shutil.copy(out / "truth" / "masks" / "scan_00.png", drawn)
     shutil.copy(out / "truth" / "photos" / "object" / "photo_000.png", drawn)
-    request = RunRequest(workers=workers, overrides={"export": {"voxels": "voxels"}})
-    run_pipeline(PIPELINE, Project(project.root), request, Progress())
-    return Project(project.root)
+    _workbench("run", str(out), "--set", "export.voxels=voxels", *shared)
+    return Project(out)
+
+
+def _workbench(*words: str) -> None:
+    subprocess.run([sys.executable, "-m", "stages.main", *words], check=True)
 
 
 def main() -> int:
