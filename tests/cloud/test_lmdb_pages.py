@@ -82,6 +82,20 @@ def test_a_damaged_head_is_refused(cloud, tmp_path, at, layout, value):
     assert caught.value.fix
 
 
+@pytest.mark.parametrize(("meta", "transaction"), [(0, 2**61 + 1), (1, 2**61), (0, 2**63)])
+def test_a_transaction_that_leads_lmdb_to_the_other_head_is_refused(
+    cloud, tmp_path, meta, transaction
+):
+    """It takes the head by the parity of the newest; the older one's pages have other use."""
+    data = bytearray(cloud[0].read_bytes())
+    struct.pack_into("<Q", data, meta * PAGE + 16 + 24 + 104, transaction)
+    broken = tmp_path / "a.cloud"
+    broken.write_bytes(data)
+    with pytest.raises(InputError) as caught:
+        LayeredCloud(broken)
+    assert f"transaction {transaction}" in str(caught.value)
+
+
 def test_no_damage_to_pages_of_keys_ends_the_process(cloud, tmp_path):
     data = cloud[0].read_bytes()
     pages = key_pages(data)

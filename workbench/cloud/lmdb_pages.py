@@ -20,6 +20,7 @@ _BRANCH, _LEAF, _KIND = 0x01, 0x02, 0x7F
 _ELSEWHERE = 0x01
 _FIXED_MAP = 0x01
 _NOTHING = 2**64 - 1
+_MOST_TRANSACTIONS = 2**62
 _DEEPEST = 32
 _TRIES = 5
 
@@ -87,6 +88,9 @@ def _newest(file: BinaryIO) -> _Root:
         raise CutShortError(pages)
     if (root.free[1] | root.main[1]) & _FIXED_MAP or root.page_bytes != first.page_bytes:
         raise ValueError("flags that are never set")
+    # LMDB finds the page of a transaction by its parity, and would take the other, unseen here.
+    if root.transaction % 2 != (root is second) or root.transaction > _MOST_TRANSACTIONS:
+        raise ValueError(f"transaction {root.transaction} where it never is")
     return root
 
 
