@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
 from workbench.formats.gltf import srgb_from_linear, write_surface_glb
+from workbench.formats.obj_text import obj_faces, obj_origin, obj_rows
 from workbench.formats.ply import ListColumn, PlyElement, PlyFile, read_ply, write_ply
 from workbench.formats.scan_reading import eight_bit_color
 from workbench.geometry.mesh import TriangleMesh
@@ -109,34 +110,18 @@ def write_surface_obj(
     world_from_local_origin
         (3,) where the zero of that frame lies in the world; kept as a comment.
     """
-    lines = [
-        f"# world_from_local_origin {' '.join(repr(float(v)) for v in world_from_local_origin)}"
-    ]
-    # Columns, not rows: half a million small lists would keep the garbage collector busy.
-    x, y, z = mesh.vertices.T.tolist()
-    if "color" in mesh.vertex_attributes:
-        shade = [f"{value / 255:.6g}" for value in range(256)]
-        colors = np.asarray(mesh.vertex_attributes["color"]).astype(np.uint8)
-        lines += [
-            f"v {a!r} {b!r} {c!r} {shade[red]} {shade[green]} {shade[blue]}"
-            for a, b, c, red, green, blue in zip(x, y, z, *colors.T.tolist(), strict=True)
-        ]
-    else:
-        lines += [f"v {a!r} {b!r} {c!r}" for a, b, c in zip(x, y, z, strict=True)]
-    if "normal" in mesh.vertex_attributes:
-        normals = np.asarray(mesh.vertex_attributes["normal"], np.float64)
-        lines += [
-            f"vn {a:.6f} {b:.6f} {c:.6f}" for a, b, c in zip(*normals.T.tolist(), strict=True)
-        ]
-        names = [f"{index}//{index}" for index in range(1, len(x) + 1)]
-    else:
-        names = [str(index) for index in range(1, len(x) + 1)]
-    lines += [
-        f"f {names[a]} {names[b]} {names[c]}"
-        for a, b, c in zip(*mesh.triangles.T.tolist(), strict=True)
-    ]
-    with replacing(path) as partial:
-        partial.write_bytes(("\n".join(lines) + "\n").encode())
+    has = mesh.vertex_attributes
+    with replacing(path) as partial, open(partial, "wb") as file:
+        file.write(obj_origin(world_from_local_origin))
+        if "color" in has:
+            shades = np.array([f"{value / 255:.6g}" for value in range(256)], object)
+            colors = shades[np.asarray(has["color"]).astype(np.uint8)]
+            file.writelines(obj_rows("v %r %r %r %s %s %s", mesh.vertices, colors))
+        else:
+            file.writelines(obj_rows("v %r %r %r", mesh.vertices))
+        if "normal" in has:
+            file.writelines(obj_rows("vn %.6f %.6f %.6f", has["normal"]))
+        file.writelines(obj_faces("%d//%d" if "normal" in has else "%d", mesh.triangles))
 
 
 def read_surface(path: Path) -> TriangleMesh:

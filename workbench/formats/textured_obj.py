@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
+from workbench.formats.obj_text import obj_faces, obj_lines, obj_origin, obj_rows
 from workbench.formats.texture_picture import SUFFIX, PictureKind, encoded_picture
 from workbench.geometry.textured_mesh import TexturedMesh
 
@@ -69,34 +70,20 @@ def write_textured_obj(
         ]  # fmt: skip
     library = path.with_suffix(".mtl")
     _write(library, "\n".join(materials).encode())
-    lines = [
-        f"# world_from_local_origin {' '.join(repr(float(v)) for v in world_from_local_origin)}",
-        f"mtllib {library.name}",
-        *_vertex_lines(textured),
-    ]
-    with_normals = "normal" in mesh.vertex_attributes
-    numbers = range(1, len(mesh.vertices) + 1)
-    names = [f"{k}/{k}/{k}" if with_normals else f"{k}/{k}" for k in numbers]
-    for page in range(len(textured.pictures)):
-        lines.append(f"usemtl page_{page}")
-        columns = mesh.triangles[textured.pages == page].T.tolist()
-        lines += [f"f {names[a]} {names[b]} {names[c]}" for a, b, c in zip(*columns, strict=True)]
-    _write(path, ("\n".join(lines) + "\n").encode())
-    return [path, library, *written]
-
-
-def _vertex_lines(textured: TexturedMesh) -> list[str]:
-    mesh = textured.mesh
-    columns = mesh.vertices.T.tolist()
-    lines = [f"v {a!r} {b!r} {c!r}" for a, b, c in zip(*columns, strict=True)]
     right, down = textured.texture_places.T
-    lines += [
-        f"vt {a:.8f} {b:.8f}" for a, b in zip(right.tolist(), (1.0 - down).tolist(), strict=True)
-    ]
-    if "normal" in mesh.vertex_attributes:
-        normals = np.asarray(mesh.vertex_attributes["normal"], np.float64).T.tolist()
-        lines += [f"vn {a:.6f} {b:.6f} {c:.6f}" for a, b, c in zip(*normals, strict=True)]
-    return lines
+    normals = mesh.vertex_attributes.get("normal")
+    with replacing(path) as partial, open(partial, "wb") as text:
+        text.write(obj_origin(world_from_local_origin))
+        text.write(obj_lines(f"mtllib {library.name}"))
+        text.writelines(obj_rows("v %r %r %r", mesh.vertices))
+        text.writelines(obj_rows("vt %.8f %.8f", np.column_stack([right, 1.0 - down])))
+        if normals is not None:
+            text.writelines(obj_rows("vn %.6f %.6f %.6f", normals))
+        corner = "%d/%d" if normals is None else "%d/%d/%d"
+        for page in range(len(textured.pictures)):
+            text.write(obj_lines(f"usemtl page_{page}"))
+            text.writelines(obj_faces(corner, mesh.triangles[textured.pages == page]))
+    return [path, library, *written]
 
 
 def _write(path: Path, content: bytes) -> None:
