@@ -12,15 +12,10 @@ from numpy.typing import NDArray
 _ROWS = 1 << 14
 
 
-def obj_lines(*lines: str) -> bytes:
-    """These lines."""
-    return "".join(f"{line}\n" for line in lines).encode()
-
-
 def obj_origin(world_from_local_origin: Sequence[float] | NDArray[np.float64]) -> bytes:
     """The comment that tells where (3,) the zero of the coordinates lies in the world."""
     numbers = " ".join(repr(float(value)) for value in world_from_local_origin)
-    return obj_lines(f"# world_from_local_origin {numbers}")
+    return f"# world_from_local_origin {numbers}\n".encode()
 
 
 def obj_rows(line: str, *arrays: NDArray[Any]) -> Iterator[bytes]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import InputError
 from workbench.formats.atomic import replacing
-from workbench.formats.obj_text import obj_faces, obj_lines, obj_origin, obj_rows
+from workbench.formats.obj_text import obj_faces, obj_origin, obj_rows
 from workbench.formats.texture_picture import SUFFIX, PictureKind, encoded_picture
 from workbench.geometry.textured_mesh import TexturedMesh
 
@@ -74,14 +74,14 @@ def write_textured_obj(
     normals = mesh.vertex_attributes.get("normal")
     with replacing(path) as partial, open(partial, "wb") as text:
         text.write(obj_origin(world_from_local_origin))
-        text.write(obj_lines(f"mtllib {library.name}"))
+        text.write(f"mtllib {library.name}\n".encode())
         text.writelines(obj_rows("v %r %r %r", mesh.vertices))
         text.writelines(obj_rows("vt %.8f %.8f", np.column_stack([right, 1.0 - down])))
         if normals is not None:
             text.writelines(obj_rows("vn %.6f %.6f %.6f", normals))
         corner = "%d/%d" if normals is None else "%d/%d/%d"
         for page in range(len(textured.pictures)):
-            text.write(obj_lines(f"usemtl page_{page}"))
+            text.write(f"usemtl page_{page}\n".encode())
             text.writelines(obj_faces(corner, mesh.triangles[textured.pages == page]))
     return [path, library, *written]
 
